@@ -17,4 +17,11 @@ void validate(const GuidanceOptions& options) {
   check_range("the time for which a hand may resist", options.patience, 0, 3600, "s");
 }
 
+void validate(const BackWallOptions& options) {
+  check_range("the time for which the back wall waits", options.wait, 0, 60, "s");
+  check_range("the stiffness of the back wall", options.stiffness, 1, 1e4, "N/m");
+  check_range("the largest force of the back wall", options.max_force, 0, 100, "N");
+  check_range("the pace of the back wall", options.pace, 0.01, 100, "");
+}
+
 }  // namespace haptrace

@@ -13,6 +13,14 @@ struct PaceHelpOptions {
   double max_force = 1;  ///< [N]
 };
 
+/// Back wall, see BackWall.
+struct BackWallOptions {
+  double wait = 2;         ///< time for which it waits for the trainee to start [s]
+  double stiffness = 150;  ///< [N/m]
+  double max_force = 2;    ///< [N]
+  double pace = 0.8;       ///< speed of the wall, relative to the expert's
+};
+
 /// Course of a session of guidance, see GuidanceController.
 struct GuidanceOptions {
   bool cursor = false;      ///< the place on the path is a cursor that moves in the expert's time, else the trainee's
@@ -34,5 +42,6 @@ struct GuidanceOptions {
 
 /// Throws Error(input) that names the option that is out of range.
 void validate(const GuidanceOptions& options);
+void validate(const BackWallOptions& options);
 
 }  // namespace haptrace

@@ -80,6 +80,7 @@ constexpr EventWords kEventWords[] = {
     {EventCode::shown_done, "shown_done", kSilent},
     {EventCode::input, "input", kSilent},
     {EventCode::began_inside, "began_inside", kWarning, "the tool began inside objects"},
+    {EventCode::initiation, "initiation", kSilent},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -234,6 +235,11 @@ std::string describe(const Event& event) {
     case EventCode::began_inside:
       return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", a + 1,
                          1e3 * b);
+    case EventCode::initiation:
+      if (a == 1)
+        return fmt::format("the trainee started alone after {:.2f} s; the back wall did {:.2g} J of work", b, c);
+      if (a == 2) return fmt::format("the back wall started the trainee after {:.2f} s and did {:.2g} J of work", b, c);
+      return fmt::format("the trainee did not start within {:.2f} s; the back wall did {:.2g} J of work", b, c);
     case EventCode::left:
       return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
     case EventCode::reference_waits:

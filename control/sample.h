@@ -101,6 +101,8 @@ enum class EventCode : std::int32_t {
   input = 92,  ///< what a person steers a simulated hand with; values: 1 mouse, 2 pen, 3 touch, 4 gamepad, 5 keys;
                ///< depth 0 from a plane, 1 from the path
   began_inside = 94,  ///< the tool was inside an object when the session started; values: its index, depth [m]
+  initiation = 95,  ///< how a repetition with a back wall began; values: Initiator, waiting time [s], work of the wall
+                    ///< on the hand until the repetition's end [J]
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.

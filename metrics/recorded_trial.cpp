@@ -152,10 +152,13 @@ constexpr TrialFigure kFigures[] = {
      "Share of the time in which the hand was within the tunnel's radius of its nearest point on the path. In the mode "
      "cursor, the radius is around the cursor, so a delay counts.",
      kUnfiltered},
+    {"helped_time", "time with help", "%", 1e2, 0, 0, [](const TrialFigures& f) { return f.helped; },
+     "Share of the time in the tunnel in which the device pushed the hand along the path with more than 0.1 N beyond "
+     "the expert's force. The first 0.5 s, in which the force of the approach fades, do not count.",
+     kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
-     "corners "
-     "that it cut do.",
+     "corners that it cut do.",
      kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
      "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "
@@ -276,6 +279,29 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   return trials;
 }
 
+namespace {
+
+/// Returns the share of the time in the tunnel in which the device helped along the path; nothing without such time.
+std::optional<double> helped_share(const RecordedTrial& trial, const Polyline& curve, const std::vector<double>& arc) {
+  if (trial.force.empty() || trial.reference.empty() || trial.radius.empty()) return std::nullopt;
+  constexpr double kFading = 0.5, kHelp = 0.1, kChord = 1e-3;  // [s], [N], [m]
+  double helped = 0, known = 0;
+  for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
+    const double distance = (trial.position[i] - trial.reference[i]).norm();
+    if (trial.time[i] - trial.time.front() < kFading || !(distance <= trial.radius[i]) || !std::isfinite(arc[i]))
+      continue;
+    Vec3 force = trial.force[i];
+    if (!trial.expert.empty() && trial.expert[i].allFinite()) force -= trial.force_scale * trial.expert[i];
+    const Vec3 tangent = (curve.at(arc[i] + kChord) - curve.at(arc[i] - kChord)).normalized();
+    const double step = trial.time[i + 1] - trial.time[i];
+    known += step;
+    if (force.dot(tangent) > kHelp) helped += step;
+  }
+  return known > 0 ? std::optional(helped / known) : std::nullopt;
+}
+
+}  // namespace
+
 TrialPath path_of(const Path& path) {
   return path_through(smooth_positions(path, smoothing_time({&path, 1})), path.force);
 }
@@ -341,6 +367,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     const bool walks = alignment.covered >= std::max(kLeastWalk, kLeastShare * length);
     if (walks) movement.reference_length = alignment.covered;
     add_path_figures(figures, trial, *path, alignment, walks);
+    if (trial.kind == TrialKind::guided) figures.helped = helped_share(trial, path->curve, alignment.arc);
     figures.time_in_tunnel = time_in_tunnel(trial, path, alignment.arc);
   } else {
     figures.time_in_tunnel = time_in_tunnel(trial, path, {});

@@ -68,6 +68,8 @@ struct TrialFigures {
   std::optional<Deviation> deviation;    ///< from the reference at the same instant; passive and cursor trials
   std::optional<Deviation> contour;      ///< from the aligned point of the path, whatever the time
   std::optional<double> time_in_tunnel;  ///< fraction of the time, 0 to 1; in a cursor trial, around the cursor
+  std::optional<double> helped;          ///< fraction of the time in the tunnel in which the device pushed the hand
+                                         ///< along the path, beyond the expert's force; guided trials
   std::optional<double> completion;      ///< fraction of the path passed, 0 to 1; requires the whole path
   std::optional<double> shape_distance;  ///< distance between the whole path and the hand's path (dynamic time warping)
                                          ///< [m]; for trials that reached the end with at most ten times its length

@@ -21,6 +21,7 @@ namespace {
 constexpr EnumNames<ExerciseMode, 6> kModeNames{"mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
 constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
+const std::vector<std::string> kForceNames{"auto", "task", "measured", "sent"};
 constexpr EnumNames<int, 2> kFeelNames{"feel", {"active", "resist"}};
 
 constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
@@ -41,6 +42,10 @@ const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
       {"resistance", {kResist}},
       {"viscosity", {kAssisted, kTunnel, kCursor, kResist}},
       {"force_scale", {kAssisted, kTunnel, kCursor, kResist}},
+      {"expert_force", {kAssisted, kTunnel, kCursor, kResist}},
+      {"expert_profile", {kAssisted, kTunnel, kCursor, kResist}},
+      {"negate_measured", {kAssisted, kTunnel, kCursor, kResist}},
+      {"initiate", {kAssisted, kTunnel, kResist}},
       {"feel", {kAssisted, kTunnel, kCursor, kResist}},
       {"wait", {kCursor}},
       {"allow_back", {kAssisted, kTunnel, kResist, kFree}}};
@@ -199,6 +204,28 @@ ShownShares read_show(JsonReader& owner) {
   return shares;
 }
 
+ExpertOptions read_expert(JsonReader& reader) {
+  ExpertOptions options{.profile = reader.text("expert_profile", ""),
+                        .negated = reader.boolean("negate_measured", false)};
+  if (const std::string force = reader.choice("expert_force", kForceNames.front(), kForceNames);
+      force != kForceNames.front())
+    options.force = parse_replayed_force(force);
+  return options;
+}
+
+/// Reads true, false, or the settings of the wall.
+std::optional<BackWallOptions> read_back_wall(JsonReader& owner) {
+  if (!owner.value("initiate").is_object())
+    return owner.boolean("initiate", false) ? std::optional(BackWallOptions{}) : std::nullopt;
+  JsonReader reader = *owner.object("initiate");
+  BackWallOptions wall;
+  wall.wait = reader.number("wait", wall.wait, 0, 60);
+  wall.stiffness = reader.number("stiffness", wall.stiffness, 1, 1e4);
+  wall.max_force = reader.number("force", wall.max_force, 0, 100);
+  reader.finish();
+  return wall;
+}
+
 Exercise read_exercise(JsonReader reader, const std::string& name) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
@@ -230,6 +257,8 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.resistance = reader.number("resistance", exercise.resistance, 0, 1000);
   exercise.viscosity = reader.number("viscosity", exercise.viscosity, 0, 1000);
   exercise.force_scale = reader.number("force_scale", exercise.force_scale, 0, 10);
+  exercise.expert = read_expert(reader);
+  exercise.initiate = read_back_wall(reader);
   exercise.resist_forces = choose(reader, "feel", kFeelNames, 0) == 1;
   exercise.wait = reader.number("wait", exercise.wait, 0, 10);
   exercise.allow_back = reader.boolean("allow_back", exercise.allow_back);
@@ -368,9 +397,27 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
   return programme;
 }
 
+namespace {
+
+/// Reads the path of an exercise with the force that it asks for. Without guidance no force is replayed.
+Path load_expert(const Exercise& exercise, const std::filesystem::path& folder) {
+  ExpertOptions options = exercise.expert;
+  if (!options.profile.empty()) options.profile = (folder / options.profile).string();
+  if (exercise.mode == kPassive || exercise.mode == kFree || exercise.force_scale == 0)
+    options.force = ReplayedForce::sent;
+  const ExpertRecording expert = open_expert((folder / exercise.path).string(), options);
+  Path path = expert.path->read(0, expert.path->facts().rows);
+  path.notes = expert.path->facts().notes;
+  for (const auto* texts : {&expert.warnings, &expert.notes})
+    path.notes.insert(path.notes.end(), texts->begin(), texts->end());
+  return path;
+}
+
+}  // namespace
+
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder) {
   Path path = exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
-                             : load_path((std::filesystem::path(folder) / exercise.path).string());
+                             : load_expert(exercise, folder);
   exercise.change.apply(path);
   programme.person.apply(path);
   return path;

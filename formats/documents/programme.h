@@ -1,7 +1,9 @@
 // Programme of exercises for a participant on a device: trajectories, modes, and adaptation.
 #pragma once
 
+#include "control/guidance_options.h"
 #include "control/path/path_change.h"
+#include "formats/documents/expert_recording.h"
 
 #include <array>
 #include <cstddef>
@@ -109,8 +111,11 @@ struct Exercise {
   double resistance = 0;            ///< along the path [N s/m]
   double viscosity = 0;             ///< against all movement [N s/m]
   double force_scale = 1;           ///< factor on the expert's forces, if the path has any
-  bool resist_forces = false;       ///< the participant produces the forces, see Feel
-  double wait = 0;                  ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
+  ExpertOptions expert;             ///< force of the path, if that is a recording
+  /// Help for a participant who does not start, see BackWall; its pace follows from `pace`.
+  std::optional<BackWallOptions> initiate;
+  bool resist_forces = false;  ///< the participant produces the forces, see Feel
+  double wait = 0;             ///< distance at which a cursor waits for the participant [m]; 0: it does not wait
   bool allow_back = false;
   bool catch_trial = false;  ///< its repetitions lie at random places between those of the other exercises
   std::optional<Progression> progression;

@@ -72,7 +72,20 @@ json json_of(const LoggedTrial& trial) {
   if (!trial.input.empty()) result["input"] = trial.input;
   if (trial.unattended) result["unattended"] = true;
   if (trial.shown) result["shown"] = json_of(*trial.shown);
+  if (trial.initiation) result["initiation"] = haptrace::json_of(*trial.initiation);
   return result;
+}
+
+Initiation initiation_from(JsonReader reader) {
+  static const std::vector<std::string> kInitiators{"none", "self", "helped"};  // as to_string() names them
+  const std::string initiator = reader.choice("initiator", kInitiators.front(), kInitiators);
+  Initiation initiation;
+  for (const Initiator one : {Initiator::none, Initiator::self, Initiator::helped})
+    if (initiator == to_string(one)) initiation.initiator = one;
+  initiation.waited = reader.number("waited_s", 0, 0, kLongest);
+  initiation.work = reader.number("wall_work_j", 0, -kLongest, kLongest);
+  reader.finish();
+  return initiation;
 }
 
 std::vector<std::string> texts_from(JsonReader& reader, const std::string& key) {
@@ -100,6 +113,8 @@ LoggedTrial trial_from(JsonReader& reader) {
   trial.input = reader.text("input", "");
   trial.unattended = reader.boolean("unattended", false);
   if (std::optional<JsonReader> shown = reader.object("shown")) trial.shown = shown_from(*shown);
+  if (std::optional<JsonReader> initiation = reader.object("initiation"))
+    trial.initiation = initiation_from(*initiation);
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");
   if (!trial.figures.is_null() && !trial.figures.is_object())
@@ -154,6 +169,12 @@ std::filesystem::path log_file(const std::string& where) {
 }
 
 }  // namespace
+
+json json_of(const Initiation& initiation) {
+  return {{"initiator", to_string(initiation.initiator)},
+          {"waited_s", initiation.waited},
+          {"wall_work_j", initiation.work}};
+}
 
 SessionLock::SessionLock(const std::string& folder)
     : folder_(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {

@@ -2,6 +2,7 @@
 // device's profile if it was calibrated, and session.json, the log.
 #pragma once
 
+#include "control/back_wall.h"
 #include "formats/documents/device_profile.h"
 #include "formats/documents/programme.h"
 
@@ -40,14 +41,20 @@ struct LoggedTrial {
   bool unattended = false;  ///< softened because the controlling page was lost: it teaches the programme nothing
   std::optional<ShownParts> shown;  ///< to the trainee; absent in logs of older versions
   std::vector<std::string> notices;
-  nlohmann::json figures;  ///< to_json(TrialFigures); null if it was stopped
+  nlohmann::json figures;                ///< to_json(TrialFigures); null if it was stopped
+  std::optional<Initiation> initiation;  ///< with a back wall
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
   [[nodiscard]] bool skipped() const { return stopped_by == "skipped"; }  ///< by a command
+  /// Returns true if the participant came as far as they could until their time was over. It counts, with its share of
+  /// the path (`completion` of the figures), but ranks below every finished repetition.
+  [[nodiscard]] bool partial() const { return stopped_by == "time_over"; }
   /// Returns true if it need not be repeated: the participant reached the end, their time was over, or a command
   /// skipped it.
-  [[nodiscard]] bool done() const { return finished() || stopped_by == "time_over" || skipped(); }
+  [[nodiscard]] bool done() const { return finished() || partial() || skipped(); }
 };
+
+nlohmann::json json_of(const Initiation& initiation);
 
 /// One stay of the participant at the device.
 struct Sitting {

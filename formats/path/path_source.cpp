@@ -14,6 +14,8 @@ namespace haptrace {
 namespace {
 
 constexpr std::array<std::string_view, 5> kRecordedColumns{"time", "position", "velocity", "force", "orientation"};
+constexpr std::array<std::string_view, 5> kMeasuredColumns{"time", "position", "velocity", "force_measured",
+                                                           "orientation"};
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
 
@@ -111,7 +113,7 @@ class RecordedPath final : public PathSource {
  public:
   RecordedPath(RecordingReader reader, const std::string& name, const PathSelection& selection,
                const RowsDone& progress)
-      : reader_(std::move(reader)) {
+      : reader_(std::move(reader)), measured_(selection.measured) {
     facts_.name = name;
     check(selection, name);
     if (reader_.rows() == 0) throw input_error(fmt::format("{}: the path has no samples", name));
@@ -141,7 +143,7 @@ class RecordedPath final : public PathSource {
         path.time.push_back(seconds(sample.time_ns));
         path.position.push_back(sample.position);
         if (facts_.velocity) path.velocity.push_back(sample.velocity);
-        if (facts_.force) path.force.push_back(sample.force);
+        if (facts_.force) path.force.push_back(measured_ ? sample.force_measured : sample.force);
         if (facts_.orientation) path.orientation.push_back(sample.orientation);
       }
     fill_gaps(path.orientation, rows_.begin + first);
@@ -258,14 +260,27 @@ class RecordedPath final : public PathSource {
     for (const Rows& rows : without_position) (void)read(rows.begin - rows_.begin, rows.size());
     validate_size(facts_.name, facts_.bounds);
     facts_.velocity = usable(with_velocity, "velocity");
-    facts_.force = usable(with_force, "force");
+    facts_.measured = reader_.columns().force_measured;
+    facts_.force =
+        measured_ ? facts_.measured && usable(rows_with_measured(), "measured force") : usable(with_force, "force");
     facts_.contacts = !reader_.header().scene.empty();
     facts_.orientation = reader_.columns().orientation && is_finite(first_orientation());
   }
 
   /// Returns the columns that are read for every row.
   [[nodiscard]] std::span<const std::string_view> columns() const {
-    return std::span(kRecordedColumns).first(facts_.orientation ? 5 : 4);
+    return std::span(measured_ ? kMeasuredColumns : kRecordedColumns).first(facts_.orientation ? 5 : 4);
+  }
+
+  /// Reads the column: the stored summaries do not count it.
+  [[nodiscard]] std::uint64_t rows_with_measured() const {
+    constexpr std::uint64_t kRowsAtOnce = 65'536;
+    std::uint64_t known = 0;
+    for (std::uint64_t row = rows_.begin; row < rows_.end; row += kRowsAtOnce)
+      for (const Sample& sample :
+           reader_.read(row, std::min(kRowsAtOnce, rows_.end - row), std::span(kMeasuredColumns).subspan(3, 1)))
+        known += is_finite(sample.force_measured) ? 1 : 0;
+    return known;
   }
 
   [[nodiscard]] Quat first_orientation() const {
@@ -303,7 +318,8 @@ class RecordedPath final : public PathSource {
   }
 
   RecordingReader reader_;
-  Rows rows_;  ///< rows of the recording
+  bool measured_;  ///< the force is the measured one
+  Rows rows_;      ///< rows of the recording
 };
 
 }  // namespace

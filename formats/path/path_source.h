@@ -24,6 +24,7 @@ struct PathFacts {
   double longest_interval = 0;     ///< between two rows [s]
   bool velocity = false;           ///< every row has a velocity, and pieces contain it
   bool force = false;              ///< every row has a force, and pieces contain it
+  bool measured = false;           ///< the recording has a measured force, see PathSelection
   bool orientation = false;        ///< pieces contain orientations
   bool contacts = false;           ///< recorded with a scene: the forces hold those of its objects
   std::vector<std::string> notes;  ///< notes for the user
@@ -67,6 +68,7 @@ class PathSource {
 struct PathSelection {
   double from = -std::numeric_limits<double>::infinity();  ///< rows with stamps from here [s] ...
   double to = std::numeric_limits<double>::infinity();     ///< ... to here
+  bool measured = false;          ///< read the measured force of a recording in place of the sent one
   std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last run
 };
 

@@ -93,6 +93,29 @@ TEST(RecordedTrial, ComparesTheFeltForceWithTheExpertsAtTheSamePointWhateverTheS
   }
 }
 
+TEST(RecordedTrial, MeasuresTheTimeInWhichTheDeviceHelpedAlongThePath) {
+  const Path path = test::expert_path();
+  std::vector<Sample> rows = rows_of(path, {.error = 0, .rate_hz = 1000}, Reference::guidance);
+  const auto helped = [&](double share) {
+    double run = 0;
+    for (std::size_t i = 1; i + 1 < rows.size(); ++i) {
+      Sample& row = rows[i];
+      run += row.phase == Phase::run ? 1 : 0;
+      const Vec3 along = (rows[i + 1].position - rows[i - 1].position).normalized();
+      // Across the path, or against it, is no help.
+      row.force = row.reference_force + Vec3(0, 0, 2) - 0.3 * along;
+      if (run > (1 - share) * static_cast<double>(rows.size())) row.force += 0.6 * along;
+    }
+    return trial_figures(written(rows, Reference::guidance).back(), path_of(path)).helped;
+  };
+  EXPECT_EQ(helped(0), 0);
+  EXPECT_NEAR(helped(1).value(), 1, 0.03);
+  const double half = helped(0.5).value();
+  EXPECT_GT(half, 0.3);
+  EXPECT_LT(half, 0.7);
+  EXPECT_FALSE(figures_of({}, Reference::playback).helped);
+}
+
 TEST(RecordedTrial, LeavesMetricsWithoutDataUndefined) {
   const Path path = test::expert_path();
   // The hand does not move.

@@ -62,6 +62,28 @@ TEST(Programme, ReadsEverySetting) {
   EXPECT_EQ(programme.exercise(2).name, "exercise 2");
 }
 
+TEST(Programme, ReadsTheBackWallAndTheForceOfAnExpert) {
+  const auto exercise = [](const std::string& keys) {
+    return programme_from_json(programme_of(R"("path": "a.h5", )" + keys), "p.json").exercise(0);
+  };
+  EXPECT_FALSE(exercise(R"("mode": "tunnel")").initiate);
+  EXPECT_FALSE(exercise(R"("mode": "tunnel", "initiate": false)").initiate);
+  EXPECT_EQ(exercise(R"("mode": "tunnel", "initiate": true)").initiate->wait, BackWallOptions{}.wait);
+  const Exercise wall = exercise(R"("mode": "assisted", "initiate": {"wait": 3, "stiffness": 120, "force": 1.5})");
+  EXPECT_EQ(wall.initiate->wait, 3);
+  EXPECT_EQ(wall.initiate->stiffness, 120);
+  EXPECT_EQ(wall.initiate->max_force, 1.5);
+  EXPECT_FALSE(wall.expert.force);
+  const Exercise task =
+      exercise(R"("mode": "tunnel", "expert_force": "task", "expert_profile": "e.json", "negate_measured": true)");
+  EXPECT_EQ(task.expert.force, ReplayedForce::task);
+  EXPECT_EQ(task.expert.profile, "e.json");
+  EXPECT_TRUE(task.expert.negated);
+  expect_refused(circle_with(R"("mode": "cursor", "initiate": true)"), {"exercises[0].initiate", "assisted, tunnel"});
+  expect_refused(circle_with(R"("mode": "tunnel", "initiate": {"wait": -1})"), {"initiate.wait: -1 is too small"});
+  expect_refused(circle_with(R"("mode": "tunnel", "expert_force": "tsk")"), {"exercises[0].expert_force", "task"});
+}
+
 TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
   expect_refused(circle_with(R"("mode": "tunel")"), {"p.json: exercises[0].mode: 'tunel'", "tunnel"});
   expect_refused(circle_with(R"("mode": "tunnel", "radius": -1)"), {"p.json: exercises[0].radius: -1 is too small"});

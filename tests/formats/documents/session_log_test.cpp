@@ -38,7 +38,8 @@ SessionLog session() {
                         .stopped_by = "finished",
                         .detail = "e",
                         .notices = {"f", "g"},
-                        .figures = {{"contour_rms_m", 0.001}, {"sparc", nullptr}}});
+                        .figures = {{"contour_rms_m", 0.001}, {"sparc", nullptr}},
+                        .initiation = Initiation{Initiator::helped, 2.5, 0.125}});
   log.trials.push_back({.stopped_by = ""});
   return log;
 }
@@ -66,6 +67,11 @@ TEST(SessionLog, IsReadBackUnchanged) {
     EXPECT_TRUE(trial.settings == log.trials[0].settings);
     EXPECT_EQ(trial.notices, log.trials[0].notices);
     EXPECT_EQ(trial.figures, log.trials[0].figures);
+    ASSERT_TRUE(trial.initiation);
+    EXPECT_EQ(trial.initiation->initiator, Initiator::helped);
+    EXPECT_EQ(trial.initiation->waited, 2.5);
+    EXPECT_EQ(trial.initiation->work, 0.125);
+    EXPECT_FALSE(read.trials[1].initiation);
     EXPECT_TRUE(trial.finished());
     EXPECT_FALSE(read.trials[1].finished());
     EXPECT_FALSE(read.complete);

@@ -1,0 +1,103 @@
+// Back wall: help along the path for a trainee who does not start, or does not continue.
+#pragma once
+
+#include "control/guidance.h"
+#include "control/guidance_options.h"
+#include "control/path/arc_path.h"
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace haptrace {
+
+/// How a repetition began.
+enum class Initiator : std::uint8_t {
+  none,    ///< the trainee did not move, not even when the wall pushed
+  self,    ///< the trainee moved before the wall pushed
+  helped,  ///< the trainee moved once the wall pushed
+};
+
+/// Returns "none", "self" or "helped".
+const char* to_string(Initiator initiator) noexcept;
+
+/// How a repetition began, and the work of the wall in it.
+struct Initiation {
+  Initiator initiator = Initiator::none;
+  double waited = 0;  ///< from the start of the repetition until the trainee moved, or until now [s]
+  double work = 0;    ///< of the wall on the hand [J]
+};
+
+/// A wall that travels along the path and pushes a hand that is behind it (Krebs and others, Autonomous Robots 15:7,
+/// 2003):
+///
+///     f = min(k (s_b - s)+, f_max) along the tangent,   s: arc length of the hand
+///
+/// The wall waits at the start of the path and wherever the expert stopped, without pushing from the start. It leaves
+/// when the trainee does, or after `wait`. The trainee has left when they were faster than kOnsetSpeed for kOnsetTime,
+/// or came kOnsetWay beyond the place. From there, s_b passes through the expert's places in the expert's time, times
+/// the pace. It stays within f_max / k of the hand: else the push would last beyond the hand's next movement.
+///
+/// A trainee who starts in time and is as fast as the wall feels exactly no force. The work is that of the commanded
+/// force; it does not account for the device's delay.
+///
+/// Real-time: all but the constructor. Threads: one at a time.
+class BackWall final : public GuideTerm {
+ public:
+  static constexpr double kOnsetSpeed = 20e-3;   ///< [m/s]
+  static constexpr double kOnsetTime = 0.06;     ///< three times the window of the measured speed [s]
+  static constexpr double kOnsetWay = 5e-3;      ///< [m]
+  static constexpr double kShortestStop = 0.25;  ///< shorter stops of the expert do not count [s]
+
+  static constexpr double kRelease = 0.2;  ///< [s]
+
+  /// Finds the expert's stops: stretches below 5 mm/s and 5 % of the largest speed. O(knots). Throws Error(input) that
+  /// names the option that is out of range.
+  BackWall(std::shared_ptr<const ArcPath> path, const BackWallOptions& options);
+
+  /// Starts a repetition.
+  void begin() noexcept;
+  /// Moves the wall for a hand at `position` [m] with this foot, `dt` [s] after the last update. Precedes force().
+  void update(const PathProjection::Foot& foot, const Vec3& position, double dt) noexcept;
+  /// Releases the hand within kRelease, for `dt` [s] in which no repetition runs.
+  void rest(double dt) noexcept;
+  /// Takes the part of the last force that was sent, for its work.
+  void acted(double share) noexcept { acted_ = share * force_; }
+
+  [[nodiscard]] Kind kind() const noexcept override { return Kind::active; }
+  [[nodiscard]] Vec3 force(const GuideInput& input) noexcept override;
+  [[nodiscard]] double allowance(const PathProjection::Foot&, const GuideTuning& tuning) const noexcept override {
+    return tuning.assist * options_.max_force;
+  }
+
+  [[nodiscard]] const Initiation& initiation() const noexcept { return initiation_; }
+  /// Returns the arc length of the wall [m].
+  [[nodiscard]] double place() const noexcept { return place_; }
+
+ private:
+  /// A place where the expert stopped.
+  struct Stop {
+    double s = 0;       ///< [m]
+    double leaves = 0;  ///< when the expert left it [s]
+  };
+  void find_stops();
+  [[nodiscard]] const Stop& stop() const noexcept { return stops_[next_ - 1]; }
+  /// Returns true while the hand is under way from the last stop.
+  bool moves(const PathProjection::Foot& foot, double dt) noexcept;
+  void travel(double reach, double dt) noexcept;
+
+  std::shared_ptr<const ArcPath> path_;
+  BackWallOptions options_;
+  std::vector<Stop> stops_;  ///< the first one is the start
+  std::size_t next_ = 1;     ///< next stop
+  bool waits_ = true, pushes_ = false, pushed_ = false;
+  double waited_ = 0, fast_for_ = 0;  ///< at the last stop [s]
+  double from_ = 0;                   ///< place of the hand from which its progress counts [m]
+  double time_ = 0;                   ///< the expert's, at the wall [s]
+  double place_ = 0, push_ = 0;       ///< s_b [m], f [N]
+  Vec3 force_ = Vec3::Zero(), acted_ = Vec3::Zero(), position_ = Vec3::Zero();
+  bool begun_ = false;
+  Initiation initiation_;
+};
+
+}  // namespace haptrace

@@ -1,0 +1,146 @@
+#include "formats/documents/expert_recording.h"
+
+#include "base/enum_names.h"
+#include "base/error.h"
+#include "formats/path/expert_force.h"
+#include "formats/path/path_file.h"
+#include "formats/recording/recording.h"
+
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+constexpr EnumNames<ReplayedForce, 3> kForces{"force of the expert", {"task", "measured", "sent"}};
+constexpr const char* kProfileBeside = "profile.json";  // as in the folder of a session
+
+std::string device_in_words(const DeviceIdentity& device) {
+  return device.serial.empty() ? device.model : fmt::format("{} {}", device.model, device.serial);
+}
+
+/// A profile and where it was found.
+struct Found {
+  DeviceProfile profile;
+  std::string where;
+};
+
+/// Searches the profile of the device `expert` with which `file` was recorded.
+std::optional<Found> find_expert_profile(const std::string& file, const DeviceIdentity& expert,
+                                         const ExpertOptions& options, const std::optional<DeviceProfile>& known,
+                                         ExpertRecording& result) {
+  if (!options.profile.empty()) {
+    Found found{load_profile(options.profile), options.profile};
+    if (found.profile.device != expert)
+      result.warnings.push_back(fmt::format("{} is the profile of {}, but {} was recorded with {}", options.profile,
+                                            device_in_words(found.profile.device), file, device_in_words(expert)));
+    return found;
+  }
+  try {
+    const std::filesystem::path beside = std::filesystem::path(file).parent_path() / kProfileBeside;
+    if (std::filesystem::exists(beside))
+      if (DeviceProfile profile = load_profile(beside.string()); profile.device == expert)
+        return Found{std::move(profile), beside.string()};
+    if (known && known->device == expert) return Found{*known, "the profile of this session"};
+    if (std::optional<DeviceProfile> profile = find_profile(expert))
+      return Found{std::move(*profile), profile_file(expert)};
+  } catch (const Error& error) {
+    result.warnings.push_back(fmt::format("{}; it is not used for the expert's force", error.what()));
+  }
+  return std::nullopt;
+}
+
+HandleForce handle_of(const std::optional<Found>& found, bool negated) {
+  HandleForce handle{.negated = negated};
+  if (!found) return handle;
+  handle.plant = found->profile.plant;
+  if (found->profile.held) handle.inertia = found->profile.held->inertia;
+  return handle;
+}
+
+/// Adds what the survey of the forces says.
+void judge(const std::string& name, const ForceSurvey& survey, const ExpertOptions& options, ExpertRecording& result) {
+  if (survey.drives_the_hand())
+    result.warnings.push_back(
+        fmt::format("{}: the measured force drove the hand in free movement ({:+.0f} mJ over {:.2f} m), but a device's "
+                    "drag takes energy from it: the sign of the sensor is probably reversed. Check it with 100 g on "
+                    "the handle, which must read +0.98 N along z, and {} --negate-measured",
+                    name, 1e3 * survey.work, survey.path_length, options.negated ? "leave out" : "give"));
+  if (result.force != ReplayedForce::task) return;
+  if (survey.only_the_device())
+    result.warnings.push_back(fmt::format(
+        "{}: the expert felt nothing but the device. {:.2f} N remain of the measured force, which is within "
+        "the error of the measurement and of the device's model ({:.2f} N of drag)",
+        name, survey.task, survey.drag));
+}
+
+/// Sets the force of `result` to the measured one, with or without the expert's device.
+void use_measured(const std::string& name, const std::shared_ptr<const PathSource>& measured,
+                  const std::optional<Found>& found, const ExpertOptions& options, ExpertRecording& result) {
+  const std::shared_ptr<const PathSource> sent = result.path;
+  const HandleForce handle = handle_of(found, options.negated);
+  result.path = task_force(measured, handle);
+  result.force = found ? ReplayedForce::task : ReplayedForce::measured;
+  if (found)
+    result.notes.push_back(
+        fmt::format("{}: the replayed force is the task's, the measured force less the model of {} "
+                    "({})",
+                    name, device_in_words(found->profile.device), found->where));
+  else
+    result.warnings.push_back(
+        fmt::format("{}: the measured force is replayed with the inertia and friction of the expert's device; the "
+                    "trainee's device adds its own",
+                    name));
+  judge(name, survey_forces(*sent, measured, handle), options, result);
+}
+
+}  // namespace
+
+ReplayedForce parse_replayed_force(std::string_view name) {
+  return kForces.parse(name);
+}
+
+const char* to_string(ReplayedForce force) noexcept {
+  return kForces.name(force);
+}
+
+ExpertRecording open_expert(const std::string& file, const ExpertOptions& options, const PathSelection& selection,
+                            const RowsDone& progress, const CsvOptions& csv,
+                            const std::optional<DeviceProfile>& known) {
+  ExpertRecording result{.path = open_path(file, selection, progress, csv)};
+  const std::string name = result.path->facts().name;
+  const bool asked = options.force.has_value(), wants_sent = options.force == ReplayedForce::sent;
+  if (!result.path->facts().measured) {
+    if (asked && !wants_sent)
+      throw input_error(
+          fmt::format("{} has no measured force; leave out --expert-force {}", name, to_string(*options.force)));
+    return result;
+  }
+  if (wants_sent) return result;
+
+  const RecordingHeader header = RecordingReader(file).header();
+  const DeviceIdentity expert{header.device_backend, header.device_model, header.device_serial};
+  std::optional<Found> found;
+  if (options.force != ReplayedForce::measured) found = find_expert_profile(file, expert, options, known, result);
+  if (!found && options.force != ReplayedForce::measured) {
+    const std::string why = fmt::format(
+        "the model of its device ({}) is unknown, and the measured force is mostly the inertia and friction of that "
+        "device; calibrate it (haptrace calibrate), or give its profile with --expert-profile",
+        device_in_words(expert));
+    if (asked) throw input_error(fmt::format("{}: {}", name, why));
+    result.warnings.push_back(fmt::format("{}: its measured force is not replayed, but the sent force: {}", name, why));
+    return result;
+  }
+  PathSelection of_sensor = selection;
+  of_sensor.measured = true;
+  const std::shared_ptr<const PathSource> measured = open_path(file, of_sensor, progress, csv);
+  try {
+    use_measured(name, measured, found, options, result);
+  } catch (const Error& error) {
+    if (asked) throw;
+    result.warnings.push_back(fmt::format("{}; the sent force is replayed", error.what()));
+  }
+  return result;
+}
+
+}  // namespace haptrace
