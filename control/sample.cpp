@@ -72,6 +72,10 @@ constexpr EventWords kEventWords[] = {
     {EventCode::shown_done, "shown_done", kSilent},
     {EventCode::input, "input", kSilent},
     {EventCode::began_inside, "began_inside", kWarning, "the tool began inside objects"},
+    {EventCode::place_in_doubt, "place_in_doubt", kNote,
+     "the expert's force faded because the place on the path was in doubt"},
+    {EventCode::tank_empty, "tank_empty", kWarning, "the expert's force was reduced because the energy tank was empty",
+     false, 1},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -226,6 +230,14 @@ std::string describe(const Event& event) {
     case EventCode::began_inside:
       return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", a + 1,
                          1e3 * b);
+    case EventCode::place_in_doubt:
+      return fmt::format(
+          "the place on the path is in doubt for {:.1f} s, {:.3f} m or {:.3f} m: the expert's force fades", a, b, c);
+    case EventCode::tank_empty:
+      return fmt::format(
+          "the energy tank is empty for {:.1f} s: {:.0f} % of the expert's force and of the help remain; a larger "
+          "--energy keeps them",
+          a, 100 * b);
     case EventCode::left:
       return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
     case EventCode::reference_waits:

@@ -98,7 +98,10 @@ enum class EventCode : std::int32_t {
   shown_done = 91,          ///< a page showed "done"
   input = 92,  ///< what a person steers a simulated hand with; values: 1 mouse, 2 pen, 3 touch, 4 gamepad, 5 keys;
                ///< depth 0 from a plane, 1 from the path
-  began_inside = 94,  ///< the tool was inside an object when the session started; values: its index, depth [m]
+  began_inside = 94,     ///< the tool was inside an object when the session started; values: its index, depth [m]
+  place_in_doubt = 100,  ///< the trainee's place on the path is undecidable, the expert's force fades; values: time so
+                         ///< far [s], present place [m], other place [m]
+  tank_empty = 101,      ///< the energy tank of guidance is empty; values: time so far [s], share of the active forces
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.
