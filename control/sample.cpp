@@ -81,6 +81,10 @@ constexpr EventWords kEventWords[] = {
     {EventCode::input, "input", kSilent},
     {EventCode::began_inside, "began_inside", kWarning, "the tool began inside objects"},
     {EventCode::initiation, "initiation", kSilent},
+    {EventCode::place_in_doubt, "place_in_doubt", kNote,
+     "the expert's force faded because the place on the path was in doubt"},
+    {EventCode::tank_empty, "tank_empty", kWarning, "the expert's force was reduced because the energy tank was empty",
+     false, 1},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -240,6 +244,14 @@ std::string describe(const Event& event) {
         return fmt::format("the trainee started alone after {:.2f} s; the back wall did {:.2g} J of work", b, c);
       if (a == 2) return fmt::format("the back wall started the trainee after {:.2f} s and did {:.2g} J of work", b, c);
       return fmt::format("the trainee did not start within {:.2f} s; the back wall did {:.2g} J of work", b, c);
+    case EventCode::place_in_doubt:
+      return fmt::format(
+          "the place on the path is in doubt for {:.1f} s, {:.3f} m or {:.3f} m: the expert's force fades", a, b, c);
+    case EventCode::tank_empty:
+      return fmt::format(
+          "the energy tank is empty for {:.1f} s: {:.0f} % of the expert's force and of the help remain; a larger "
+          "--energy keeps them",
+          a, 100 * b);
     case EventCode::left:
       return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
     case EventCode::reference_waits:

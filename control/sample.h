@@ -103,6 +103,9 @@ enum class EventCode : std::int32_t {
   began_inside = 94,  ///< the tool was inside an object when the session started; values: its index, depth [m]
   initiation = 95,  ///< how a repetition with a back wall began; values: Initiator, waiting time [s], work of the wall
                     ///< on the hand until the repetition's end [J]
+  place_in_doubt = 100,  ///< the trainee's place on the path is undecidable, the expert's force fades; values: time so
+                         ///< far [s], present place [m], other place [m]
+  tank_empty = 101,      ///< the energy tank of guidance is empty; values: time so far [s], share of the active forces
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.
