@@ -55,7 +55,7 @@ std::string lasting(double seconds) {
 std::string mode_in_words(const ReportExercise& exercise) {
   static const std::map<std::string, std::string> kWords{
       {"passive", "moved the hand along the path"},
-      {"assisted", "helped as much as needed"},
+      {"assisted", "helped as far as it was allowed and needed"},
       {"tunnel", "kept the hand in a tunnel around the path"},
       {"cursor", "pulled the hand towards a cursor that moves along the path"},
       {"resist", "resisted the movement along the path within a tunnel"},
@@ -69,9 +69,33 @@ std::string mode_in_words(const ReportExercise& exercise) {
   return text;
 }
 
+double completion_of(const ReportTrial& trial) {
+  for (std::size_t i = 0; i < trial.figures.size(); ++i)
+    if (std::string_view(all_trial_figures()[i].name) == "completion") return trial.figures[i].value_or(kNaN);
+  return kNaN;
+}
+
 std::size_t finished(const ReportExercise& exercise) {
   return static_cast<std::size_t>(std::count_if(exercise.trials.begin(), exercise.trials.end(),
                                                 [](const ReportTrial& trial) { return trial.finished(); }));
+}
+
+/// Returns the number of partial repetitions and the shares of the path in them: "; 2 in part (40 to 55 %)"; empty for
+/// none.
+std::string partial_in_words(const ReportExercise& exercise) {
+  std::size_t count = 0;
+  double least = kNaN, most = kNaN;
+  for (const ReportTrial& trial : exercise.trials) {
+    if (!trial.out_of_time()) continue;
+    ++count;
+    const double share = completion_of(trial);
+    least = std::fmin(least, share);
+    most = std::fmax(most, share);
+  }
+  if (count == 0) return "";
+  if (!std::isfinite(most)) return fmt::format("; {} in part", count);
+  const std::string from = fmt::format("{:.0f}", 100 * least), to = fmt::format("{:.0f}", 100 * most);
+  return fmt::format("; {} in part ({}{}%)", count, from == to ? from : from + " to " + to, kNarrowSpace);
 }
 
 /// Returns the trend of the main metric of an exercise.
@@ -269,9 +293,9 @@ class Page {
       const std::size_t i = main_figure(comparison);
       const ReportComparison::Group &from = comparison.groups.front(), &to = comparison.groups.back();
       const TrialFigure& figure = all_trial_figures()[i];
-      if (std::isfinite(from.mean(i)) && std::isfinite(to.mean(i)))
+      if (std::isfinite(from.typical(i)) && std::isfinite(to.typical(i)))
         text += fmt::format(" Without guidance, it was {} in the test ‘{}’ and {} in the test ‘{}’.",
-                            shown(figure, from.mean(i)), from.test, shown(figure, to.mean(i)), to.test);
+                            shown(figure, from.typical(i)), from.test, shown(figure, to.typical(i)), to.test);
       break;
     }
     return text;
@@ -314,7 +338,7 @@ class Page {
         xml_node link = add(cell, "a", exercise.name);
         set(link, "href", "#" + anchor(s, e));
         table.text(mode_in_words(exercise));
-        table.number(fmt::format("{} of {}", finished(exercise), exercise.trials.size()));
+        table.number(fmt::format("{} of {}{}", finished(exercise), exercise.trials.size(), partial_in_words(exercise)));
         const ReportTrend* trend = main_trend(exercise);
         if (trend == nullptr) {
           for (int i = 0; i < 4; ++i) table.text(kUndefined);
@@ -326,14 +350,16 @@ class Page {
         table.number(shown(figure, first));
         table.number(shown(figure, last));
         const std::string words = in_words(*trend);
-        table.text(words.empty() ? "fewer than four repetitions" : words);
+        const bool some = !partial_in_words(exercise).empty();
+        table.text((words.empty() ? "fewer than four repetitions" : words) +
+                   (some ? "; of finished repetitions only, the partial ones rank below" : ""));
       }
   }
 
   /// Returns whether a metric is in the first table; the others are collapsed.
   static bool is_main(std::size_t figure) {
     static const std::set<std::string_view> kMain{
-        "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
+        "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",  "helped_time",
         "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
     return kMain.contains(all_trial_figures()[figure].name);
   }
@@ -353,7 +379,9 @@ class Page {
                       [&](const ReportComparison::Group& group) { return !group.values[i].empty(); }))
         (is_main(i) ? first : others).push_back(i);
     const std::string caption =
-        "Mean ± standard deviation over repetitions, and the change of the mean from the first test";
+        "Mean ± standard deviation over repetitions, and the change from the first test. With partial repetitions, "
+        "which "
+        "ran out of time: the median, in which each of them is worse than every finished one";
     add_comparison_table(main, comparison, first, caption + ".");
     if (others.empty()) return;
     xml_node details = main.append_child("details");
@@ -373,21 +401,30 @@ class Page {
       return most;
     };
     for (const ReportComparison::Group& group : comparison.groups) {
-      table.column(fmt::format("{} ({})", capitalised(group.test), repetitions(group)), true);
+      table.column(fmt::format("{} ({}{})", capitalised(group.test), repetitions(group),
+                               group.partial.empty() ? "" : fmt::format(" and {} in part", group.partial.size())),
+                   true);
       if (&group != &first) table.column("Change", true);
     }
     for (const std::size_t i : figures) {
       const TrialFigure& figure = all_trial_figures()[i];
       table.row(with_unit(figure));
       for (const ReportComparison::Group& group : comparison.groups) {
-        std::string text = shown(figure, group.mean(i), false);
-        if (const double spread = group.spread(i); std::isfinite(spread))
+        const bool ranked = !group.partial.empty() && figure.better != 0;
+        std::string text = shown(figure, group.typical(i), false);
+        if (ranked && !std::isfinite(group.typical(i))) text = "most in part";
+        if (const double spread = group.spread(i); std::isfinite(spread) && !ranked)
           text += fmt::format(" ± {}", shown(figure, spread, false));
         if (const std::size_t n = group.values[i].size(); n > 0 && n < repetitions(group))
           text += fmt::format(" ({} of {})", n, repetitions(group));
         table.number(text);
         if (&group == &first) continue;
-        const double change = group.mean(i) - first.mean(i);
+        // A mean and a median are no pair.
+        const bool pair = group.partial.empty() == first.partial.empty();
+        const auto compared = [&](const ReportComparison::Group& of) {
+          return pair || figure.better == 0 ? of.typical(i) : of.ranked_median(i);
+        };
+        const double change = compared(group) - compared(first);
         const std::string words = shown(figure, change, false, true);
         xml_node cell = table.number(words);
         const bool changed = words != shown(figure, 0, false);
@@ -467,7 +504,7 @@ class Page {
   static constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
                                                      {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
                                                      {"pace", &ReportTrial::pace, 1, 2},
-                                                     {"assistance (%)", &ReportTrial::assistance, 100, 0},
+                                                     {"assistance allowed (%)", &ReportTrial::assistance, 100, 0},
                                                      {"level", &ReportTrial::level, 1, 2}}};
 
   void add_trials(xml_node section, const ReportExercise& exercise) {

@@ -20,6 +20,7 @@ json json_of_trial(const ReportTrial& trial) {
           {"file", trial.file},
           {"began", trial.began},
           {"stopped_by", trial.stopped_by},
+          {"partial", trial.out_of_time()},
           {"detail", trial.detail},
           {"missing", trial.missing},
           {"duration_s", trial.duration},
@@ -118,7 +119,9 @@ json json_of_comparison(const ReportComparison& comparison, const Report& report
     for (std::size_t i = 0; i < known.size(); ++i)
       figures[known[i].name] = {{"repetitions", group.values[i].size()},
                                 {"mean", json_of_number(group.mean(i))},
-                                {"standard_deviation", json_of_number(group.spread(i))}};
+                                {"standard_deviation", json_of_number(group.spread(i))},
+                                {"partial", group.partial.size()},
+                                {"ranked_median", json_of_number(group.ranked_median(i))}};
     groups[group.test] = std::move(figures);
   }
   return {{"subject", comparison.subject},

@@ -124,7 +124,7 @@ bool is_stop(EventCode code) {
 
 bool is_told(EventCode code) {
   return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition &&
-         code != EventCode::touched && code != EventCode::left;
+         code != EventCode::touched && code != EventCode::left && code != EventCode::initiation;
 }
 
 /// Adds the warnings of one recording that are not among its events.
@@ -160,10 +160,19 @@ void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& ev
 
 // Trends, and the main metric of an exercise.
 
+std::size_t index_of(std::string_view name) {
+  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
+}
+
+/// Returns whether a metric of a repetition counts in a trend. Of a partial one only its completion does.
+bool counts(const ReportTrial& trial, std::size_t figure) {
+  return trial.finished() || (trial.out_of_time() && figure == index_of("completion"));
+}
+
 std::vector<double> column(const ReportExercise& exercise, std::size_t figure) {
   std::vector<double> values;
   for (const ReportTrial& trial : exercise.trials)
-    values.push_back(trial.finished() ? trial.figures[figure].value_or(kNaN) : kNaN);
+    values.push_back(counts(trial, figure) ? trial.figures[figure].value_or(kNaN) : kNaN);
   return values;
 }
 
@@ -175,16 +184,12 @@ std::optional<LearningCurve> better_curve(const std::vector<double>& values) {
   return best;
 }
 
-std::size_t index_of(std::string_view name) {
-  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
-}
-
 /// `asked` is the metric that the programme uses; it may be empty.
 void add_trends(ReportExercise& exercise, const std::string& asked) {
   const std::span<const TrialFigure> figures = all_trial_figures();
   const auto defined = [&](std::size_t figure) {
     return std::any_of(exercise.trials.begin(), exercise.trials.end(),
-                       [&](const ReportTrial& trial) { return trial.finished() && trial.figures[figure].has_value(); });
+                       [&](const ReportTrial& trial) { return counts(trial, figure) && trial.figures[figure]; });
   };
   for (std::size_t i = 0; i < figures.size(); ++i) {
     if (!defined(i)) continue;
@@ -566,9 +571,12 @@ std::vector<ReportComparison> compare(const std::vector<ReportSession>& sessions
         std::vector<ReportComparison::Group>& groups = comparisons[found->second].groups;
         if (groups.empty() || groups.back().test != test)
           groups.push_back({.test = test, .values = std::vector<std::vector<double>>(all_trial_figures().size())});
-        for (const ReportTrial& trial : exercise.trials)
+        for (const ReportTrial& trial : exercise.trials) {
+          if (trial.out_of_time())
+            groups.back().partial.push_back(trial.figures[index_of("completion")].value_or(kNaN));
           for (std::size_t i = 0; trial.finished() && i < trial.figures.size(); ++i)
             if (trial.figures[i]) groups.back().values[i].push_back(*trial.figures[i]);
+        }
       }
   std::erase_if(comparisons, [](const ReportComparison& comparison) { return comparison.groups.size() < 2; });
   return comparisons;
@@ -633,6 +641,20 @@ double ReportComparison::Group::spread(std::size_t figure) const {
   double squares = 0;
   for (const double v : of) squares += (v - mean(figure)) * (v - mean(figure));
   return std::sqrt(squares / static_cast<double>(of.size() - 1));
+}
+
+double ReportComparison::Group::ranked_median(std::size_t figure) const {
+  const int better = all_trial_figures()[figure].better;
+  if (better == 0 || values[figure].empty()) return kNaN;
+  constexpr double kWorst = 1e300;  // finite, because median() interpolates; no metric is near it
+  std::vector<double> ranked = values[figure];
+  ranked.insert(ranked.end(), partial.size(), -better * kWorst);
+  const double middle = median(std::move(ranked));
+  return std::abs(middle) < 0.1 * kWorst ? middle : kNaN;
+}
+
+double ReportComparison::Group::typical(std::size_t figure) const {
+  return partial.empty() || all_trial_figures()[figure].better == 0 ? mean(figure) : ranked_median(figure);
 }
 
 Report gather_report(std::span<const std::string> inputs,

@@ -41,8 +41,8 @@ struct ReportTrial {
   std::vector<double> force;  ///< magnitude of the felt force along the path, mean of each cell [N]; NaN where none
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
-  /// Returns whether time ran out. Such a repetition has metrics of the part that was done. They count in no trend,
-  /// mean or comparison.
+  /// Returns whether time ran out. Such a partial repetition has metrics of the part that was done. Only its completion
+  /// counts in a trend. In comparisons it ranks below every finished one.
   [[nodiscard]] bool out_of_time() const { return stopped_by == "time_over"; }
   [[nodiscard]] std::string end_in_words() const;
 };
@@ -107,9 +107,15 @@ struct ReportComparison {
   struct Group {
     std::string test;                         ///< before | after | retention
     std::vector<std::vector<double>> values;  ///< by metric: values of all finished repetitions in which it is defined
+    std::vector<double> partial;              ///< completion of the partial ones, NaN where unknown
 
     [[nodiscard]] double mean(std::size_t figure) const;    ///< NaN without values
     [[nodiscard]] double spread(std::size_t figure) const;  ///< standard deviation; NaN for fewer than two values
+    /// Returns the median over finished and partial repetitions. A partial one counts as worse than every finished one.
+    /// NaN if the median is partial, or if neither more nor less is better.
+    [[nodiscard]] double ranked_median(std::size_t figure) const;
+    /// Returns the mean, or with partial repetitions the ranked median, where there is one.
+    [[nodiscard]] double typical(std::size_t figure) const;
   };
   std::string subject, task;           ///< in words
   std::optional<std::size_t> session;  ///< index into Report::sessions; set if the participant has no name
