@@ -10,6 +10,7 @@
 #include "cli/read_progress.h"
 #include "cli/scene_options.h"
 #include "cli/tuning.h"
+#include "formats/documents/expert_recording.h"
 #include "formats/path/path_changing.h"
 #include "formats/path/path_file.h"
 
@@ -23,7 +24,8 @@ namespace {
 
 struct Arguments {
   SessionArguments session;
-  std::string expert, record, mode = "tunnel", feel = "active", radius = "5mm";
+  std::string expert, record, mode = "tunnel", feel = "active", radius = "5mm", expert_force;
+  ExpertOptions expert_options;
   CsvOptions csv;
   ProfileArguments profile;
   bool radius_given = false;  ///< on the command line or in --config
@@ -32,6 +34,8 @@ struct Arguments {
   GuideOptions guide;
   std::optional<double> pace;
   double pace_margin = 0.2, pace_force = 1;
+  bool initiate = false;
+  BackWallOptions wall;
   TuningArguments tuning{.example = "radius 6mm"};
   ViewArguments view;
   TouchArguments scene;
@@ -75,6 +79,10 @@ GuideOptions options_of(const Arguments& arguments) {
   if (arguments.pace)
     options.pace =
         PaceHelpOptions{.pace = *arguments.pace, .margin = arguments.pace_margin, .max_force = arguments.pace_force};
+  if (arguments.initiate) {
+    options.initiate = arguments.wall;
+    options.initiate->pace = (1 - arguments.pace_margin) * arguments.pace.value_or(1);
+  }
   const PathArguments& along = arguments.along;
   options.fit = along.fit;
   options.smoothing = along.smoothing;
@@ -103,19 +111,32 @@ std::string percent(double share) {
   return std::isfinite(share) ? fmt::format("{:.0f} %", 100 * share) : "undefined";
 }
 
+/// Returns how a repetition with a back wall began: "; started alone after 0.43 s".
+std::string initiation_text(const std::optional<Initiation>& initiation) {
+  if (!initiation) return "";
+  const char* how = initiation->initiator == Initiator::self     ? "started alone after"
+                    : initiation->initiator == Initiator::helped ? "started with help after"
+                                                                 : "did not start within";
+  return fmt::format("; {} {:.2f} s, work of the back wall {:.0f} mJ", how, initiation->waited, 1e3 * initiation->work);
+}
+
 std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device,
-                    const std::string& expert, const PathChange& change) {
+                    const std::string& expert, const PathChange& change, ReplayedForce force) {
   std::string text = fmt::format("{}: guided on {}\n", expert, device.name);
+  if (result.plan.has_forces && arguments.guide.force_scale > 0)
+    text += fmt::format("  force of the expert: {}\n", to_string(force));
   if (!change.is_identity()) text += fmt::format("  path: {}\n", describe(change));
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
   const bool free = arguments.mode == "free", has_tunnel = !free || arguments.radius_given;
   for (std::size_t i = 0; i < result.repetitions.size(); ++i) {
     const GuideFigures& figures = result.repetitions[i];
-    text += fmt::format("  {}{:.1f} s, {:.0f} of {:.0f} mm, {}deviation {:.2f} mm rms, {:.2f} mm at most\n",
+    text += fmt::format("  {}{}{:.1f} s, {:.0f} of {:.0f} mm, {}deviation {:.2f} mm rms, {:.2f} mm at most{}\n",
                         result.repetitions.size() > 1 ? fmt::format("repetition {}: ", i + 1) : "",
+                        figures.partial ? fmt::format("partial ({} of the path), ", percent(figures.completion)) : "",
                         figures.tracking.duration, 1e3 * figures.progress, 1e3 * result.plan.path->length(),
                         has_tunnel ? percent(figures.time_in_tunnel) + " of the time in the tunnel, " : "",
-                        1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error);
+                        1e3 * figures.tracking.rms_error, 1e3 * figures.tracking.peak_error,
+                        initiation_text(figures.initiation));
   }
   if (!free)
     text += fmt::format("  wall stiffness {:.0f} N/m; guidance added {:.2f} J of {:.2f} J allowed\n",
@@ -167,6 +188,23 @@ void add_tunnel_options(CLI::App& verb, Arguments& arguments) {
       ->group("Tunnel");
 }
 
+void add_expert_options(CLI::App& verb, Arguments& arguments) {
+  verb.add_option("--expert-force", arguments.expert_force,
+                  "force of the recording: task (measured, less the inertia and friction of the expert's device) | "
+                  "measured | sent (default: task if the recording has a measured force and the device's profile is "
+                  "known, else sent). It is replayed by place: a force that depends on speed is that of the expert's "
+                  "speed")
+      ->group("Forces");
+  verb.add_option("--expert-profile", arguments.expert_options.profile,
+                  "profile of the expert's device (default: profile.json beside the recording, else the one stored for "
+                  "that device)")
+      ->type_name("FILE.json")
+      ->group("Forces");
+  verb.add_flag("--negate-measured", arguments.expert_options.negated,
+                "the force sensor of the recording tells the force of the hand on the device")
+      ->group("Forces");
+}
+
 void add_force_options(CLI::App& verb, Arguments& arguments) {
   verb.add_option("--force-scale", arguments.guide.force_scale, "factor on the expert's forces (0: no force)")
       ->capture_default_str()
@@ -184,6 +222,21 @@ void add_force_options(CLI::App& verb, Arguments& arguments) {
       ->capture_default_str()
       ->group("Forces");
   verb.add_option("--pace-force", arguments.pace_force, "largest helping force [N]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_flag("--initiate", arguments.initiate,
+                "help a trainee who does not start: a wall behind the hand moves off when the trainee does, or after "
+                "--initiate-wait, at --pace less --pace-margin")
+      ->group("Forces");
+  verb.add_option("--initiate-wait", arguments.wall.wait,
+                  "time for which the wall waits at the start and where the expert stopped [s]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--initiate-stiffness", arguments.wall.stiffness, "stiffness of the wall behind the hand [N/m]")
+      ->capture_default_str()
+      ->group("Forces");
+  verb.add_option("--initiate-force", arguments.wall.max_force,
+                  "largest force of the wall behind the hand [N]; at most the device's continuous force")
       ->capture_default_str()
       ->group("Forces");
   verb.add_option("--resistance", arguments.guide.resistance, "resistance to movement along the path [N s/m]")
@@ -206,6 +259,16 @@ void add_cursor_options(CLI::App& verb, Arguments& arguments) {
       ->group("Cursor");
 }
 
+/// Opens the expert's recording with the force that the options choose.
+ExpertRecording open_with_force(const Arguments& arguments, const InputFile& input, const Output& output) {
+  ExpertOptions options = arguments.expert_options;
+  if (!arguments.expert_force.empty()) options.force = parse_replayed_force(arguments.expert_force);
+  std::optional<DeviceProfile> known;
+  if (!arguments.profile.file.empty()) known = load_profile(arguments.profile.file);
+  ReadProgress progress(output, input.csv().name);
+  return open_expert(input.path(), options, arguments.along.selection, progress.callback(), input.csv(), known);
+}
+
 /// Runs the verb and returns its exit code.
 int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
   require(verb, "expert");
@@ -223,7 +286,8 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
     return open_path(file, selection, progress.callback(), csv);
   };
   const InputFile input(arguments.expert, arguments.csv);
-  std::shared_ptr<const PathSource> expert = open(input.path(), arguments.along.selection, input.csv());
+  ExpertRecording opened = open_with_force(arguments, input, output);
+  std::shared_ptr<const PathSource> expert = opened.path;
   take_radius_of_path(arguments, input.path(), expert->facts(), options);
   for (const std::string& file : arguments.spread) {
     CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
@@ -242,11 +306,14 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   keep_applied(options.session, "path_change", describe(change));
   std::vector<std::string> notes = device->info().notes;
   for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
+  std::ranges::move(opened.warnings, std::back_inserter(notes));
   if (const auto profile =
           arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known))
     options.identified = profile->identified();
   GuidePlan plan = plan_guidance(device->info(), expert, options);
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
+  plan.notes.insert(plan.notes.begin(), opened.notes.begin(), opened.notes.end());
+  std::ranges::copy(plan.warnings, std::back_inserter(notes));
   std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
   if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
   const std::size_t of_device = device->info().notes.size();
@@ -281,12 +348,13 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   nlohmann::json json = to_json(result);
   json["mode"] = arguments.mode;
   json["feel"] = arguments.feel;
+  json["expert_force"] = to_string(opened.force);
   json["tuning"] = commands->history();
   if (!change.is_identity()) json["path_change"] = describe(change);
   json["notes"] = notes;
   if (!arguments.record.empty()) json["file"] = arguments.record;
   const int code = conclude(output, result.session);
-  output.tell(json, summary(arguments, result, device->info(), input.name(), change));
+  output.tell(json, summary(arguments, result, device->info(), input.name(), change, opened.force));
   return code;
 }
 
@@ -316,6 +384,7 @@ Verb add_guide(CLI::App& app) {
           "guidance: tunnel (the trainee sets the pace) | cursor (the expert sets the pace) | free (no force at all)")
       ->capture_default_str();
   add_tunnel_options(*verb, *arguments);
+  add_expert_options(*verb, *arguments);
   add_force_options(*verb, *arguments);
   add_cursor_options(*verb, *arguments);
   arguments->along.add_to(*verb);

@@ -14,6 +14,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -125,10 +126,17 @@ void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const
 std::string result_text(const ProgrammeResult& result, const std::string& folder, const std::string& resume) {
   const Sitting& sitting = result.log.sittings.back();
   std::size_t finished = 0;
-  for (const LoggedTrial& trial : result.log.trials) finished += trial.finished() ? 1 : 0;
-  std::string text = fmt::format("{}: {} repetitions done{}, {} in this sitting, force dose {:.0f} N s\n", folder,
-                                 finished, result.log.complete ? ", the programme is complete" : "",
-                                 minutes(sitting.duration), sitting.force_dose);
+  std::vector<std::string> partial;  // shares of the path
+  for (const LoggedTrial& trial : result.log.trials) {
+    finished += trial.finished() ? 1 : 0;
+    if (!trial.partial()) continue;
+    const std::optional<double> share = figure_in(trial.figures, "completion");
+    partial.push_back(share ? fmt::format("{:.0f} %", 100 * *share) : "unknown");
+  }
+  std::string text = fmt::format(
+      "{}: {} repetitions done{}{}, {} in this sitting, force dose {:.0f} N s\n", folder, finished,
+      partial.empty() ? "" : fmt::format(" and {} in part ({} of the path)", partial.size(), fmt::join(partial, ", ")),
+      result.log.complete ? ", the programme is complete" : "", minutes(sitting.duration), sitting.force_dose);
   if (!result.log.complete)
     text += fmt::format("  ended: {}{}{}; resume with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
                         sitting.detail, resume);

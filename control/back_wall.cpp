@@ -1,7 +1,6 @@
 #include "control/back_wall.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -12,11 +11,6 @@ constexpr double kSettling = 0.05;  // in which the foot finds the hand; nothing
 constexpr double kAtStop = 1e-3;    // [m]
 
 }  // namespace
-
-const char* to_string(Initiator initiator) noexcept {
-  constexpr std::array kNames{"none", "self", "helped"};
-  return kNames[static_cast<std::size_t>(initiator)];
-}
 
 BackWall::BackWall(std::shared_ptr<const ArcPath> path, const BackWallOptions& options)
     : path_(std::move(path)), options_(options) {

@@ -3,30 +3,14 @@
 
 #include "control/guidance.h"
 #include "control/guidance_options.h"
+#include "control/initiation.h"
 #include "control/path/arc_path.h"
 
-#include <cstdint>
+#include <cstddef>
 #include <memory>
 #include <vector>
 
 namespace haptrace {
-
-/// How a repetition began.
-enum class Initiator : std::uint8_t {
-  none,    ///< the trainee did not move, not even when the wall pushed
-  self,    ///< the trainee moved before the wall pushed
-  helped,  ///< the trainee moved once the wall pushed
-};
-
-/// Returns "none", "self" or "helped".
-const char* to_string(Initiator initiator) noexcept;
-
-/// How a repetition began, and the work of the wall in it.
-struct Initiation {
-  Initiator initiator = Initiator::none;
-  double waited = 0;  ///< from the start of the repetition until the trainee moved, or until now [s]
-  double work = 0;    ///< of the wall on the hand [J]
-};
 
 /// A wall that travels along the path and pushes a hand that is behind it (Krebs and others, Autonomous Robots 15:7,
 /// 2003):

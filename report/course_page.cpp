@@ -38,7 +38,7 @@ std::string settings_in_words(const ReportExercise& exercise) {
   add_setting("radius", &ReportTrial::radius, 1e3, 1, " mm");
   add_setting("stiffness", &ReportTrial::stiffness, 1, 0, " N/m");
   add_setting("pace", &ReportTrial::pace, 1, 2, "");
-  add_setting("assistance", &ReportTrial::assistance, 100, 0, " %");
+  add_setting("assistance allowed", &ReportTrial::assistance, 100, 0, " %");
   add_setting("level", &ReportTrial::level, 1, 2, "");
   return parts.empty() ? "no guidance" : fmt::format("{}", fmt::join(parts, ", "));
 }

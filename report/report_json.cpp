@@ -20,6 +20,7 @@ json json_of_trial(const ReportTrial& trial) {
           {"file", trial.file},
           {"began", trial.began},
           {"stopped_by", trial.stopped_by},
+          {"partial", trial.out_of_time()},
           {"detail", trial.detail},
           {"missing", trial.missing},
           {"duration_s", trial.duration},

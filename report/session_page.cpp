@@ -95,7 +95,7 @@ struct Setting {
 constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
                                             {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
                                             {"pace", &ReportTrial::pace, 1, 2},
-                                            {"assistance (%)", &ReportTrial::assistance, 100, 0},
+                                            {"assistance allowed (%)", &ReportTrial::assistance, 100, 0},
                                             {"level", &ReportTrial::level, 1, 2}}};
 
 /// `person` is in every row if it is not empty.
@@ -276,7 +276,7 @@ std::string lasting(double seconds) {
 std::string mode_in_words(const ReportExercise& exercise) {
   static const std::map<std::string, std::string> kWords{
       {"passive", "moved the hand along the path"},
-      {"assisted", "helped as much as needed"},
+      {"assisted", "helped as far as it was allowed and needed"},
       {"tunnel", "kept the hand in a tunnel around the path"},
       {"cursor", "pulled the hand towards a cursor that moves along the path"},
       {"resist", "resisted the movement along the path within a tunnel"},
@@ -296,7 +296,7 @@ std::string with_unit(const TrialFigure& figure) {
 
 bool is_main(std::size_t figure) {
   static const std::set<std::string_view> kMain{
-      "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",
+      "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",  "helped_time",
       "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
   return kMain.contains(all_trial_figures()[figure].name);
 }

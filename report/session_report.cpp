@@ -149,7 +149,7 @@ bool is_stop(EventCode code) {
 
 bool is_told(EventCode code) {
   return code != EventCode::started && code != EventCode::finished && code != EventCode::repetition &&
-         code != EventCode::touched && code != EventCode::left;
+         code != EventCode::touched && code != EventCode::left && code != EventCode::initiation;
 }
 
 /// Adds the warnings of one recording that are not among its events.
@@ -185,10 +185,19 @@ void add_events(std::vector<ReportEvent>& to, const std::vector<StoredEvent>& ev
 
 // Trends, and the main metric of an exercise.
 
+std::size_t index_of(std::string_view name) {
+  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
+}
+
+/// Returns whether a metric of a repetition counts in a trend. Of a partial one only its completion does.
+bool counts(const ReportTrial& trial, std::size_t figure) {
+  return trial.finished() || (trial.out_of_time() && figure == index_of("completion"));
+}
+
 std::vector<double> column(const ReportExercise& exercise, std::size_t figure) {
   std::vector<double> values;
   for (const ReportTrial& trial : exercise.trials)
-    values.push_back(trial.finished() ? trial.figures[figure].value_or(kNaN) : kNaN);
+    values.push_back(counts(trial, figure) ? trial.figures[figure].value_or(kNaN) : kNaN);
   return values;
 }
 
@@ -228,7 +237,7 @@ void add_trends(ReportExercise& exercise, const std::string& asked) {
   const std::span<const TrialFigure> figures = all_trial_figures();
   const auto defined = [&](std::size_t figure) {
     return std::any_of(exercise.trials.begin(), exercise.trials.end(),
-                       [&](const ReportTrial& trial) { return trial.finished() && trial.figures[figure].has_value(); });
+                       [&](const ReportTrial& trial) { return counts(trial, figure) && trial.figures[figure]; });
   };
   for (std::size_t i = 0; i < figures.size(); ++i) {
     if (!defined(i)) continue;

@@ -2,7 +2,7 @@
 // device's profile if it was calibrated, and session.json, the log.
 #pragma once
 
-#include "control/back_wall.h"
+#include "control/initiation.h"
 #include "formats/documents/device_profile.h"
 #include "formats/documents/programme.h"
 

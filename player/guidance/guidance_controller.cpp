@@ -106,6 +106,7 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
       cursor_time_ = RunningTime();
       projection_.start();
       guidance_.begin();
+      if (wall_ != nullptr) wall_->begin();
       command.event = phases_.repetition_event();
       return;
     case Phase::run: {
@@ -119,6 +120,18 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
     default:
       if (phases_.next_repetition()) begin_approach(state.position);
   }
+}
+
+void GuidanceController::tell_initiation(Command& command) noexcept {
+  const bool runs = phases_.phase() == Phase::run;
+  if (wall_ == nullptr || runs || !ran_ || command.event) {
+    ran_ = ran_ || runs;
+    return;
+  }
+  const Initiation& initiation = wall_->initiation();
+  command.event = Event{.code = EventCode::initiation,
+                        .values = {static_cast<double>(initiation.initiator), initiation.waited, initiation.work}};
+  ran_ = false;
 }
 
 const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
@@ -142,7 +155,13 @@ Command GuidanceController::update(const State& state) noexcept {
     const PathProjection::Foot& foot = follow(state);
     // While the PD law still pulls, its work on the hand does not count as guidance's.
     if (share < 1) guidance_.begin();
+    const bool helps = wall_ != nullptr && phases_.phase() == Phase::run && !paused_;
+    if (helps)
+      wall_->update(foot, state.position, state.dt);
+    else if (wall_ != nullptr)
+      wall_->rest(state.dt);
     command.wrench.force = share * guidance_.update(state, foot, options_.cursor);
+    if (helps) wall_->acted(share * guidance_.tuning().share * guidance_.tank().share());
     if (guides) {
       way = {.position = foot.place.position,
              .velocity = foot.place.speed * foot.place.tangent,
@@ -168,6 +187,7 @@ Command GuidanceController::update(const State& state) noexcept {
     command.wrench.force += (1 - share) * guidance_.tuning().share * pd_force(approach_gains_, state, held);
   }
 
+  tell_initiation(command);
   command.phase = phases_.phase();
   if (phases_.finished() && command.status == Command::Status::working) command.status = Command::Status::finished;
   return command;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/running_time.h"
+#include "control/back_wall.h"
 #include "control/controller.h"
 #include "control/guidance.h"
 #include "control/guidance_options.h"
@@ -48,6 +49,13 @@ class GuidanceController final : public Controller {
   /// From now on the load in `hand` decides when the hand resists. Before start. Throws the errors of validate().
   void watch(const HandWatchOptions& hand) { hand_ = HandWatch(hand); }
 
+  /// Moves `wall`, a term of the guidance, and reports with an event after every run how it began. Before start.
+  void move_wall(BackWall& wall) noexcept { wall_ = &wall; }
+  /// Returns how the present or last repetition began; null without a back wall.
+  [[nodiscard]] const Initiation* initiation() const noexcept {
+    return wall_ != nullptr ? &wall_->initiation() : nullptr;
+  }
+
   void start(const State& first) noexcept override;
   /// Restarts the repetition with the approach to its start.
   void resume(const State& first) noexcept override;
@@ -61,6 +69,8 @@ class GuidanceController final : public Controller {
   bool follow_requests(const State& state) noexcept;
   /// Advances the time and switches between the phases.
   void advance(const State& state, Command& command) noexcept;
+  /// Reports how the run began once it is over.
+  void tell_initiation(Command& command) noexcept;
   /// Updates and returns the place of the trainee or the cursor on the path.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
@@ -85,6 +95,8 @@ class GuidanceController final : public Controller {
   Mailbox<SessionRequests>* mailbox_ = nullptr;
   Mailbox<GuideTuning>* tunings_ = nullptr;
   bool paused_ = false;
+  BackWall* wall_ = nullptr;  ///< owned by guidance_
+  bool ran_ = false;          ///< a run's initiation has not been reported
 };
 
 /// Returns the controller that guide() runs, for other kinds of sessions. It has no time limit unless the options set

@@ -4,12 +4,15 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "control/back_wall.h"
 #include "control/guidance.h"
 #include "control/hand_watch.h"
+#include "control/limits.h"
 #include "control/path/arc_path.h"
 #include "control/path/path_projection.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
+#include "formats/documents/session_log.h"
 #include "metrics/path_average.h"
 #include "player/device_path.h"
 #include "player/guidance/expert_path.h"
@@ -113,6 +116,31 @@ GuideTerms compose(const GuidePlan& plan, const GuideOptions& options) {
   return terms;
 }
 
+bool has_no_force(const ArcPath& path) {
+  for (std::size_t i = 0; i < path.knots(); ++i)
+    if (!path.at(path.knot_at(i)).force.isZero(0)) return false;
+  return true;
+}
+
+/// Returns the back wall that the device allows: no stiffer than its walls, and within the force that it can hold.
+BackWallOptions back_wall(const DeviceInfo& device, BackWallOptions wall, const GuideOptions& options,
+                          GuidePlan& plan) {
+  double most = device.max_continuous_force > 0 ? device.max_continuous_force : kCautiousShare * device.max_force;
+  if (const double limit = options.session.loop.limits.max_continuous_force; limit > 0)
+    most = most > 0 ? std::min(most, limit) : limit;
+  if (most > 0 && wall.max_force > most) {
+    plan.notes.push_back(
+        fmt::format("the back wall pushes with at most {:.2g} N, the continuous force of {}", most, device.model));
+    wall.max_force = most;
+  }
+  if (wall.stiffness > plan.largest_stiffness) {
+    plan.notes.push_back(fmt::format("the stiffness of the back wall is limited to {:.0f} N/m, as that of the walls",
+                                     plan.largest_stiffness));
+    wall.stiffness = plan.largest_stiffness;
+  }
+  return wall;
+}
+
 /// Returns the number of repetitions whose metrics are kept.
 std::size_t kept_repetitions(const GuideOptions& options) {
   const int asked = std::max(options.guidance.repetitions, 1);
@@ -126,6 +154,7 @@ class GuideMetrics final : public SampleSink {
       : scale_(felt_scale(options)),
         tunnel_(has_tunnel(options)),
         forces_(plan.has_forces && options.force_scale > 0 && !options.free),
+        length_(plan.path->length()),
         sums_(1) {
     sums_.reserve(kept_repetitions(options) + 1);
   }
@@ -142,6 +171,8 @@ class GuideMetrics final : public SampleSink {
   }
 
   void push(const Event& event) noexcept override {
+    if (event.code == EventCode::initiation)
+      sums_.back().initiation = Initiation{static_cast<Initiator>(event.values[0]), event.values[1], event.values[2]};
     if (event.code != EventCode::repetition) return;
     if (sums_.back().samples > 0 && sums_.size() < sums_.capacity())
       sums_.emplace_back();
@@ -153,7 +184,11 @@ class GuideMetrics final : public SampleSink {
     std::vector<GuideFigures> all;
     for (std::size_t i = 0; i < tracking.size() && i < sums_.size(); ++i) {
       const Sums& sums = sums_[i];
-      GuideFigures figures{.tracking = tracking[i], .progress = sums.progress};
+      GuideFigures figures{.tracking = tracking[i],
+                           .progress = sums.progress,
+                           .partial = sums.progress < length_ - std::min(GuidanceController::kArrived, 0.05 * length_),
+                           .initiation = sums.initiation};
+      if (length_ > 0) figures.completion = std::min(sums.progress / length_, 1.0);
       if (tunnel_ && sums.samples > 0)
         figures.time_in_tunnel = static_cast<double>(sums.inside) / static_cast<double>(sums.samples);
       if (forces_ && sums.inside > 0)
@@ -167,10 +202,12 @@ class GuideMetrics final : public SampleSink {
   struct Sums {
     std::uint64_t samples = 0, inside = 0;
     double progress = 0, force_error2 = 0;
+    std::optional<Initiation> initiation;
   };
 
   double scale_;
   bool tunnel_, forces_;
+  double length_;  ///< of the path [m]
   std::vector<Sums> sums_;
 };
 
@@ -178,6 +215,9 @@ nlohmann::json to_json(const GuideFigures& figures) {
   nlohmann::json json = to_json(figures.tracking);
   json["time_in_tunnel"] = json_of_number(figures.time_in_tunnel);
   json["progress_m"] = figures.progress;
+  json["completion"] = json_of_number(figures.completion);
+  json["partial"] = figures.partial;
+  if (figures.initiation) json["initiation"] = json_of(*figures.initiation);
   json["force_error_n"] = json_of_number(figures.force_error);
   return json;
 }
@@ -186,6 +226,11 @@ nlohmann::json to_json(const GuideFigures& figures) {
 
 Feel parse_feel(std::string_view name) {
   return kFeels.parse(name);
+}
+
+bool is_better(const GuideFigures& a, const GuideFigures& b) {
+  if (a.partial != b.partial) return b.partial;
+  return a.partial ? a.completion > b.completion : a.tracking.rms_error < b.tracking.rms_error;
 }
 
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
@@ -205,6 +250,11 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
     check_range("the pace", options.pace->pace, 0.01, 100, "");
     check_range("the margin of the pace", options.pace->margin, 0, 0.99, "");
     check_range("the largest force of the pace", options.pace->max_force, 0, 100, "N");
+  }
+  if (options.initiate) {
+    validate(*options.initiate);
+    if (options.guidance.cursor)
+      throw input_error("a cursor moves by itself and needs no back wall; leave out --initiate, or use mode tunnel");
   }
   if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
     throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));
@@ -239,6 +289,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                     plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
+  if (options.initiate && !options.free) plan.initiate = back_wall(device, *options.initiate, options, plan);
   if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
   if (options.force_scale > 0 && feels_contacts && !options.free)
     plan.notes.push_back(
@@ -248,6 +299,9 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   else if (options.force_scale > 0 && !plan.has_forces && !options.free)
     plan.notes.push_back(
         fmt::format("{} contains no forces: the trainee feels only the walls", played.source->facts().name));
+  if (options.force_scale > 0 && plan.has_forces && !options.free && has_no_force(*plan.path))
+    plan.warnings.push_back(
+        fmt::format("{}: all forces are zero; the trainee feels only the walls", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
   if (!options.identified && !options.expert)
     plan.notes.push_back(fmt::format(
@@ -288,7 +342,7 @@ LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& optio
                                           : "limit without a calibration or --expert",
           .walls = !options.free,
           .expert_force = !options.free && options.force_scale > 0 && plan.has_forces,
-          .help = !options.free && options.pace.has_value(),
+          .help = !options.free && (options.pace.has_value() || plan.initiate.has_value()),
           .without = options.free ? "no force acts in mode free" : ""};
 }
 
@@ -298,12 +352,20 @@ GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan
   guidance.tunnel = has_tunnel(options);
   // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
   // ever.
-  if (guidance.cursor || options.pace) guidance.patience = kPatience;
+  if (guidance.cursor || options.pace || plan.initiate) guidance.patience = kPatience;
+  GuideTerms terms = compose(plan, options);
+  BackWall* wall = nullptr;
+  if (plan.initiate) {
+    auto term = std::make_unique<BackWall>(plan.path, *plan.initiate);
+    wall = term.get();
+    terms.push_back(std::move(term));
+  }
   GuidanceController controller(
       plan.path,
-      Guidance(compose(plan, options), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
+      Guidance(std::move(terms), {.energy = options.energy, .delay = plan.delay, .rate_hz = guidance.rate_hz}),
       cautious_gains(device.max_force, guidance.rate_hz), guidance);
   controller.watch(hand_watch_of(device.max_force));
+  if (wall != nullptr) controller.move_wall(*wall);
   return controller;
 }
 
@@ -335,6 +397,9 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   result.session = run_session(device, controller, {.reference = true, .guidance = true, .tunnel = has_tunnel(options)},
                                options.sinks, options.session, stop, progress);
   result.repetitions = metrics.figures(tracking.repetitions());
+  // A repetition that was stopped has no event of its initiation.
+  if (!result.repetitions.empty() && !result.repetitions.back().initiation && controller.initiation() != nullptr)
+    result.repetitions.back().initiation = *controller.initiation();
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();
   result.energy_budget = controller.guidance().budget();
@@ -344,9 +409,10 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
 nlohmann::json to_json(const GuideResult& result) {
   nlohmann::json json = to_json(result.session);
   const nlohmann::json last = to_json(result.last);
-  for (const char* key :
-       {"rms_error_m", "peak_error_m", "force_ripple_n", "time_in_tunnel", "progress_m", "force_error_n"})
+  for (const char* key : {"rms_error_m", "peak_error_m", "force_ripple_n", "time_in_tunnel", "progress_m", "completion",
+                          "partial", "force_error_n"})
     json[key] = last.at(key);
+  if (result.last.initiation) json["initiation"] = last.at("initiation");
   json["repetitions"] = nlohmann::json::array();
   for (const GuideFigures& figures : result.repetitions) json["repetitions"].push_back(to_json(figures));
   json["path_length_m"] = result.plan.path->length();

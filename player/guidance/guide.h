@@ -3,6 +3,7 @@
 
 #include "control/design/identified_device.h"
 #include "control/guidance_options.h"
+#include "control/initiation.h"
 #include "control/path/path.h"
 #include "formats/documents/radius_profile.h"
 #include "player/playback/tracking_figures.h"
@@ -46,6 +47,8 @@ struct GuideOptions {
   double force_scale = 1;           ///< scale of the expert's forces; 0: none
   Feel feel = Feel::active;
   std::optional<PaceHelpOptions> pace;
+  /// Helps a trainee who does not start. Its force stays within the device's continuous force. Not with a cursor.
+  std::optional<BackWallOptions> initiate;
   double resistance = 0, viscosity = 0;  ///< [N s/m]
   double amplify = 0;                    ///< amplification of errors within the tunnel [N/m]
   double amplify_force = 1;              ///< largest force of the amplification [N]
@@ -70,13 +73,15 @@ inline constexpr double kUnknownDelay = 5e-3;
 struct GuidePlan {
   std::shared_ptr<const ArcPath> path;
   std::optional<Fit> fit;
-  double duration = 0;             ///< duration of the expert's path [s]
-  double stiffness = 0;            ///< stiffness of the walls, after clamping [N/m]
-  double largest_stiffness = 0;    ///< largest stiffness that commands may set [N/m]
-  double delay = 0;                ///< delay in the energy account [s]
-  double wall_force = 0;           ///< largest force of the walls [N]
-  bool has_forces = false;         ///< the expert's recording contains forces
-  std::vector<std::string> notes;  ///< messages for the user
+  double duration = 0;                      ///< duration of the expert's path [s]
+  double stiffness = 0;                     ///< stiffness of the walls, after clamping [N/m]
+  double largest_stiffness = 0;             ///< largest stiffness that commands may set [N/m]
+  double delay = 0;                         ///< delay in the energy account [s]
+  double wall_force = 0;                    ///< largest force of the walls [N]
+  std::optional<BackWallOptions> initiate;  ///< as the device allows it
+  bool has_forces = false;                  ///< the expert's recording contains forces
+  std::vector<std::string> notes;           ///< messages for the user
+  std::vector<std::string> warnings;        ///< messages that matter more
 };
 
 /// Checks the path, the options and the device before a force is sent, and computes the plan. Reads the whole path.
@@ -85,12 +90,22 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                         const GuideOptions& options);
 
 /// Metrics of one repetition, over phase run.
+///
+/// A repetition whose time is over counts as a partial one. Whatever its other metrics are, it ranks below every
+/// finished one (is_better).
 struct GuideFigures {
-  TrackingFigures tracking;      ///< the error is the distance from the path
-  double time_in_tunnel = kNaN;  ///< share of the samples; NaN without samples or tunnel
-  double progress = 0;           ///< farthest place on the path [m]
+  TrackingFigures tracking;              ///< the error is the distance from the path
+  double time_in_tunnel = kNaN;          ///< share of the samples; NaN without samples or tunnel
+  double progress = 0;                   ///< farthest place on the path [m]
+  double completion = kNaN;              ///< share of the path that this is, 0 to 1; NaN for a path without length
+  bool partial = false;                  ///< the trainee did not reach the end
+  std::optional<Initiation> initiation;  ///< with a back wall
   double force_error = kNaN;  ///< rms difference of sent and expert's force within the tunnel [N]; NaN without forces
 };
+
+/// Returns true if `a` is better than `b`: a finished repetition than a partial one; of two partial ones that with more
+/// of the path; of two finished ones that with the smaller rms error.
+bool is_better(const GuideFigures& a, const GuideFigures& b);
 
 struct GuideResult {
   SessionResult session;

@@ -152,6 +152,7 @@ struct TrialRun {
   SessionResult session;
   std::vector<std::string> notes;
   std::optional<double> stiffness;  ///< stiffness of the walls as applied [N/m]
+  std::optional<Initiation> initiation;
 };
 
 class ProgrammeRun {
@@ -415,6 +416,7 @@ class ProgrammeRun {
     if (end_of_trial.skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
       trial.stopped_by = "skipped";
     trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
+    trial.initiation = run.initiation;
     if (exercise.mode != ExerciseMode::passive) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
@@ -508,7 +510,7 @@ class ProgrammeRun {
                         .live = options_.live};
     const PlayPlan plan = plan_playback(device.info(), open_path(path), options);
     if (options_.live != nullptr) options_.live->begin_unguided("the device moves the participant in this exercise");
-    return {play(device, plan, options, stop, progress_).session, {}, {}};
+    return {play(device, plan, options, stop, progress_).session, {}, {}, {}};
   }
 
   TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
@@ -551,6 +553,15 @@ class ProgrammeRun {
       options.pace = PaceHelpOptions{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
       config.update({{"pace", settings.pace}, {"pace-force", options.pace->max_force}});
     }
+    if (exercise.initiate && !options.free) {
+      options.initiate = exercise.initiate;
+      options.initiate->pace = (1 - PaceHelpOptions{}.margin) * settings.pace;
+      options.initiate->max_force *= assistance;
+      config.update({{"initiate", true},
+                     {"initiate-wait", options.initiate->wait},
+                     {"initiate-stiffness", options.initiate->stiffness},
+                     {"initiate-force", options.initiate->max_force}});
+    }
     if (exercise.mode == ExerciseMode::resist) {
       options.resistance = exercise.resistance;
       config["resistance"] = exercise.resistance;
@@ -574,8 +585,11 @@ class ProgrammeRun {
     config["max-deviation"] = options.guidance.max_deviation;
     config["allow-back"] = exercise.allow_back;
     options.session = session_for(device.info(), exercise, trial, watch, std::move(config));
-    return {guide(device, plan, options, stop, progress_).session, plan.notes,
-            options.free ? std::nullopt : std::optional(plan.stiffness)};
+    std::vector<std::string> notes = plan.notes;
+    notes.insert(notes.end(), plan.warnings.begin(), plan.warnings.end());
+    GuideResult result = guide(device, plan, options, stop, progress_);
+    return {std::move(result.session), std::move(notes), options.free ? std::nullopt : std::optional(plan.stiffness),
+            result.last.initiation};
   }
 
   /// Returns what commands can change of a repetition, before its assistance scales the walls of `plan`.
@@ -762,6 +776,8 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"radius_m", trial.settings.radius},
                               {"pace", trial.settings.pace},
                               {"stopped_by", trial.stopped_by},
+                              {"partial", trial.partial()},
+                              {"initiation", trial.initiation ? json_of(*trial.initiation) : nlohmann::json()},
                               {"unattended", trial.unattended},
                               {"figures", trial.figures}});
   if (!log.sittings.empty()) {

@@ -207,8 +207,10 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
         {{"exercise", trial.exercise},
          {"repetition", trial.repetition},
          {"rms_m", json_of_number(figure_in(trial.figures, "contour_rms_m").value_or(kNaN))},
-         {"help",
-          exercise.mode == ExerciseMode::assisted ? nlohmann::json(trial.settings.assistance) : nlohmann::json()},
+         // What was felt; logs of older versions know only what was allowed.
+         {"help", exercise.mode == ExerciseMode::assisted
+                      ? nlohmann::json(figure_in(trial.figures, "helped_time").value_or(trial.settings.assistance))
+                      : nlohmann::json()},
          {"target_m", has_target ? nlohmann::json(exercise.progression->target) : nlohmann::json()},
          {"time_in_tunnel", json_of_number(figure_in(trial.figures, "time_in_tunnel").value_or(kNaN))},
          {"partial", !trial.finished()},

@@ -38,6 +38,34 @@ TEST(GuideCommand, GuidesATraineeAndReportsTheResult) {
   }
 }
 
+TEST(GuideCommand, HelpsATraineeWhoDoesNotStartAndCountsWhatIsDoneInPart) {
+  const TempFolder folder;
+  const std::string path = expert(folder);
+  const std::vector<std::string> words{"guide",
+                                       path,
+                                       "--device",
+                                       "sim:preset=falcon,hand=tense,seed=4",
+                                       "--force-scale",
+                                       "0",
+                                       "--initiate",
+                                       "--initiate-wait",
+                                       "1",
+                                       "--initiate-force",
+                                       "0.5",
+                                       "--time-limit",
+                                       "3"};
+  const Answer answer = Command(words).wait();
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.out, HasSubstr("partial ("));
+  EXPECT_THAT(answer.out, HasSubstr("did not start within 3.0"));
+  std::vector<std::string> for_programs = words;
+  for_programs.emplace_back("--json");
+  const nlohmann::json json = Command(for_programs).wait().json();
+  EXPECT_EQ(json["partial"], true);
+  EXPECT_EQ(json["initiation"]["initiator"], "none");
+  EXPECT_EQ(json["expert_force"], "sent");
+}
+
 TEST(GuideCommand, TakesATunnelThatChangesAlongThePath) {
   const TempFolder folder;
   const std::string path = expert(folder), out = folder / "out.h5", csv = folder / "out.csv";

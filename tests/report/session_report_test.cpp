@@ -1,6 +1,7 @@
 // Reports of sessions and recordings as data.
 #include "report/session_report.h"
 
+#include "report/page.h"
 #include "report/report_table.h"
 #include "tests/report/support.h"
 #include "tests/support/errors.h"
@@ -321,6 +322,41 @@ TEST(SessionReport, CountsARepetitionThatRanOutOfTimeOnlyInItsOwnRow) {
                          "before, repetition 5: ran out of time", "practice, repetition 5: ran out of time",
                          "practice, repetition 6: over", "after, repetition 5: ran out of time"))
       << "every end is listed once";
+}
+
+TEST(SessionReport, RanksPartialRepetitionsBelowEveryFinishedOne) {
+  const TempFolder folder;
+  SessionFolder lesson(folder / "lesson");
+  const std::size_t before = lesson.exercise("before", "free", {{"test", "before"}}),
+                    after = lesson.exercise("after", "free", {{"test", "after"}}),
+                    later = lesson.exercise("later", "free", {{"test", "retention"}});
+  const auto trials = [&](std::size_t exercise, std::initializer_list<double> finished, int partial) {
+    for (const double rms : finished)
+      lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", rms}, {"sparc", -2}};
+    // What a partial repetition did was perfect.
+    for (int i = 0; i < partial; ++i)
+      lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {
+          {"definitions", 2}, {"contour_rms_m", 1e-5}, {"sparc", -1.4}, {"completion", 0.4}};
+  };
+  trials(before, {2e-3, 3e-3, 4e-3}, 0);
+  trials(after, {2e-3, 3e-3, 4e-3}, 2);
+  trials(later, {1e-3}, 3);
+  lesson.save();
+  const Report report = report_of(lesson.path());
+  ASSERT_EQ(report.comparisons.size(), 1);
+  const std::vector<ReportComparison::Group>& groups = report.comparisons[0].groups;
+  const std::size_t rms = index_of_figure("contour_rms_m"), sparc = index_of_figure("sparc");
+  EXPECT_NEAR(groups[0].summaries[rms].median, 3e-3, 1e-12);
+  EXPECT_NEAR(groups[1].summaries[rms].median, 4e-3, 1e-12) << "the third of five, of which the last two are partial";
+  EXPECT_NEAR(groups[1].summaries[sparc].median, -2, 1e-12) << "more is better";
+  EXPECT_TRUE(std::isnan(groups[2].summaries[rms].median)) << "the second and third of four";
+  EXPECT_EQ(groups[2].summaries[rms].partial, 3);
+  const nlohmann::json json = to_json(report);
+  EXPECT_EQ(json["comparisons"][0]["tests"]["retention"]["contour_rms_m"]["partial"], 3);
+  EXPECT_EQ(json["sessions"][0]["exercises"][1]["trials"][3]["partial"], true);
+  const std::string page = report_page(report);
+  EXPECT_THAT(page, testing::HasSubstr("most in part"));
+  EXPECT_THAT(page, testing::HasSubstr("3 of 5; 2 in part (40"));
 }
 
 TEST(SessionReport, ShowsTheStiffnessOfEveryRepetitionAsItWasLogged) {

@@ -287,10 +287,31 @@ TEST_F(ProgrammeSession, CountsARepetitionThatRanOutOfTimeAsDoneAndFailed) {
   ASSERT_EQ(result.log.trials.size(), 3U);
   for (const LoggedTrial& trial : result.log.trials) {
     EXPECT_EQ(trial.stopped_by, "time_over");
+    EXPECT_TRUE(trial.partial());
+    EXPECT_LT(trial.figures.at("completion").get<double>(), 0.5) << "the share of the path";
     EXPECT_LT(trial.figures.at("contour_rms_m").get<double>(), 0.008) << "the hand is near the path, but not on it";
   }
   EXPECT_NEAR(result.log.trials[1].settings.assistance, 0.8 * 0.5 + 0.4, 1e-12);
   EXPECT_NEAR(result.log.trials[2].settings.assistance, 1, 1e-12);
+}
+
+TEST_F(ProgrammeSession, LogsWhoBeganEachRepetitionWithABackWall) {
+  options_.open = [](const Exercise&, const TrialSettings&, const std::string&) -> std::shared_ptr<Device> {
+    return open_device("sim:preset=omega3,hand=relaxed,seed=2");  // a hand without intent
+  };
+  const ProgrammeResult result = run(
+      programme_of({R"("mode": "assisted", "assist_force": 0, "time_limit": 4, "initiate": {"wait": 1, "force": 1.5})",
+                    R"("mode": "tunnel", "time_limit": 1)"}));
+  const SessionLog log = load_session_log(options_.folder);
+  ASSERT_EQ(log.trials.size(), 2U);
+  ASSERT_TRUE(log.trials[0].initiation);
+  EXPECT_EQ(log.trials[0].initiation->initiator, Initiator::helped);
+  EXPECT_GT(log.trials[0].initiation->waited, 1);
+  EXPECT_GT(log.trials[0].initiation->work, 0);
+  EXPECT_GT(log.trials[0].figures.at("helped_time").get<double>(), 0.3);
+  EXPECT_FALSE(log.trials[1].initiation);
+  EXPECT_EQ(to_json(result)["trials"][0]["initiation"]["initiator"], "helped");
+  EXPECT_EQ(to_json(result)["trials"][1]["partial"], true);
 }
 
 TEST_F(ProgrammeSession, LogsTheStiffnessThatTheWallsHad) {

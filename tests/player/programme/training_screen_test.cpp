@@ -188,6 +188,7 @@ TEST(ProgrammeMessage, HasExercisesAndTheTrendOfTheirRepetitions) {
   trial.figures["contour_rms_m"] = 0.0018;
   log.trials = {trial, trial, trial, LoggedTrial{.exercise = 1}};
   log.trials[1].stopped_by = "time_over";
+  log.trials[1].figures["helped_time"] = 0.25;
   log.trials[2].stopped_by = "skipped";
   const nlohmann::json json = programme_message(programme, log, {.current = 1, .paused = true, .elapsed = 90});
   EXPECT_EQ(json["title"], "Monday");
@@ -202,6 +203,7 @@ TEST(ProgrammeMessage, HasExercisesAndTheTrendOfTheirRepetitions) {
   EXPECT_EQ(json["trials"][0]["help"], 0.6);
   EXPECT_EQ(json["trials"][0]["target_m"], 0.002);
   EXPECT_EQ(json["trials"][0]["partial"], false);
+  EXPECT_EQ(json["trials"][1]["help"], 0.25) << "the help that was felt, not the one that was allowed";
   EXPECT_EQ(json["trials"][1]["partial"], true);
   EXPECT_EQ(json["trials"][1]["skipped"], false);
   EXPECT_EQ(json["trials"][2]["skipped"], true);
