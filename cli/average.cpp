@@ -111,12 +111,11 @@ Verb add_average(CLI::App& app) {
   verb->footer(
       "The average does not depend on the speed or the pauses of the recordings. It stores the spread of the\n"
       "recordings as a radius along the path, which guide takes with --radius auto. A recording of another\n"
-      "movement (another direction, another number of laps) is refused by name. Of one file with several\n"
-      "repetitions, all repetitions are averaged; of several files, the last of each.\n"
+      "movement (another direction, another number of laps) is refused by name. A single file gives all its\n"
+      "repetitions; each of several files gives its last one.\n"
       "  haptrace average first.h5 second.h5 third.h5 -o expert.h5\n"
       "  haptrace guide expert.h5 -d falcon --radius auto");
-  verb->add_option("files", a.files, "recordings (HDF5) or paths (HDF5, CSV with t,x,y,z) of one task")
-      ->type_name("FILE...");
+  verb->add_option("files", a.files, "recordings (HDF5) or paths (HDF5, CSV)")->type_name("FILE...");
   verb->add_option("-o,--output", a.file, "recording to write (.h5)")->type_name("OUT.h5");
   verb->add_option("--title", a.title, "title of the recording that is written");
   verb->add_option("--smoothing", a.smoothing,

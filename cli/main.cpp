@@ -141,7 +141,8 @@ std::vector<Verb> add_verbs(CLI::App& app) {
   group("Sessions", {add_record(app), add_play(app), add_guide(app), add_run(app), add_calibrate(app)});
   group("Recordings", {add_view(app), add_info(app), add_check(app), add_plot(app), add_report(app), add_convert(app),
                        add_recover(app)});
-  group("Paths, scenes and devices", {add_shape(app), add_average(app), add_scene(app), add_devices(app), add_doctor(app)});
+  group("Paths, scenes and devices",
+        {add_shape(app), add_average(app), add_scene(app), add_devices(app), add_doctor(app)});
   group("Experiments on simulated devices", {add_tradeoff(app)});
   group("Experiments on simulated devices", add_stability(app));
   group("The command", add_completion(app));

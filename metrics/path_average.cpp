@@ -228,7 +228,8 @@ void require_same_shape(const Shape& reference, std::span<const PathCopy> copies
   const bool outlier = costs[worst] > kCostlier * usual && distance > kNear * diagonal;
   if (!turned && !outlier && distance <= kFar * diagonal) return;
   std::string why = fmt::format("After alignment it is {:.1f} mm away (rms)", 1e3 * distance);
-  if (outlier) why += fmt::format(", and its alignment costs {:.1f} times as much as usual", costs[worst] / usual);
+  if (outlier && usual > 0)
+    why += fmt::format(", and its alignment costs {:.1f} times as much as usual", costs[worst] / usual);
   if (warp(reference, reversed(shapes[worst]), weight).cost < costs[worst] / kCostlier)
     why += ". It runs in the opposite direction";
   throw other_movement(copies[worst].name, why);

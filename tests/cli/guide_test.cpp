@@ -138,7 +138,7 @@ TEST(AverageCommand, SaysWhatCannotBeAveragedAndGuideWhatHasNoSpread) {
   const TempFolder folder;
   const std::string circle = folder / "circle.h5", square = folder / "square.h5", out = folder / "out.h5";
   ASSERT_EQ(haptrace("shape", "circle", "--duration", "1", "-o", circle).exit_code, 0);
-  ASSERT_EQ(haptrace("shape", "square", "--size", "120mm", "--duration", "1", "-o", square).exit_code, 0);
+  ASSERT_EQ(haptrace("shape", "square", "--size", "65mm", "--duration", "1", "-o", square).exit_code, 0);
   EXPECT_THAT(haptrace("average", circle, circle, square, "-o", out).err, HasSubstr("square.h5: shows another"));
   EXPECT_THAT(haptrace("average", circle, "-o", out).err, HasSubstr("holds one repetition"));
   EXPECT_THAT(haptrace("average", circle, square, "-o", circle).err, HasSubstr("circle.h5"));
