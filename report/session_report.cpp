@@ -209,10 +209,6 @@ std::optional<LearningCurve> better_curve(const std::vector<double>& values) {
   return best;
 }
 
-std::size_t index_of(std::string_view name) {
-  return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
-}
-
 /// Ranks the repetitions by the primary metric: finished ones first, then those that ran out of time by their share of
 /// the path.
 void rank(ReportExercise& exercise) {
