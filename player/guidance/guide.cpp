@@ -7,7 +7,7 @@
 #include "control/guidance.h"
 #include "control/hand_watch.h"
 #include "control/path/arc_path.h"
-#include "control/path/path_projection.h"
+#include "control/path/place_tracker.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
 #include "player/device_path.h"
@@ -80,11 +80,10 @@ void widen(ArcPath& path, const DeviceInfo& device, const GuideOptions& options)
   std::vector<double> radius(path.knots(), options.radius);
   for (const auto& other : options.spread) {
     const DevicePath played = path_for(device, other, options.fit);
-    PathProjection projection(path, {});
-    projection.start();
+    PlaceTracker tracker(path, {.allow_back = true});
     double before = 0;
     walk(played.source, options.smoothing, [&](double t, const Vec3& position, const Vec3&) {
-      const auto& foot = projection.update(position, t - before);
+      const auto& foot = tracker.update(position, t - before);
       before = t;
       const std::size_t knot = std::min(path.segment_at(foot.s) + 1, path.knots() - 1);
       for (std::size_t i : {knot - std::min<std::size_t>(knot, 1), knot})
@@ -307,6 +306,7 @@ LiveGuidance::Scope guide_scope(const GuidePlan& plan, const GuideOptions& optio
 GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan& plan, const GuideOptions& options) {
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
+  guidance.resolution = std::max(device.position_resolution, 0.0);
   // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
   // ever.
   if (guidance.cursor || options.pace) guidance.patience = kPatience;
@@ -349,6 +349,8 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();
   result.energy_budget = controller.guidance().budget();
+  result.time_in_doubt = controller.share_in_doubt();
+  result.time_empty = controller.share_empty();
   return result;
 }
 
@@ -364,6 +366,8 @@ nlohmann::json to_json(const GuideResult& result) {
   json["stiffness_n_per_m"] = result.plan.stiffness;
   json["energy_given_j"] = result.energy_given;
   json["energy_budget_j"] = result.energy_budget;
+  json["time_in_doubt"] = result.time_in_doubt;
+  json["time_tank_empty"] = result.time_empty;
   if (result.plan.fit)
     json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};
   return json;
