@@ -141,6 +141,11 @@ std::string summary(const Arguments& arguments, const GuideResult& result, const
   if (!free)
     text += fmt::format("  wall stiffness {:.0f} N/m; guidance added {:.2f} J of {:.2f} J allowed\n",
                         result.plan.stiffness, result.energy_given, result.energy_budget);
+  if (result.time_in_doubt > 0)
+    text += fmt::format("  place on the path in doubt for {} of the time\n", percent(result.time_in_doubt));
+  if (result.time_empty > 0)
+    text += fmt::format("  energy tank empty, and the expert's force reduced, for {} of the time\n",
+                        percent(result.time_empty));
   text += session_summary(result.session);
   if (!arguments.record.empty()) text += fmt::format("  recorded in {}\n", arguments.record);
   return text;
@@ -184,7 +189,8 @@ void add_tunnel_options(CLI::App& verb, Arguments& arguments) {
   verb.add_option("--damping", arguments.guide.damping, "damping of outward movement in the wall [N s/m]")
       ->capture_default_str()
       ->group("Tunnel");
-  verb.add_flag("--allow-back", arguments.guide.guidance.allow_back, "let the trainee move backwards along the path")
+  verb.add_flag("--allow-back", arguments.guide.guidance.allow_back,
+                "let the trainee go back: walls do not hold them at the farthest place")
       ->group("Tunnel");
 }
 

@@ -112,7 +112,8 @@ void BackWall::rest(double dt) noexcept {
 }
 
 Vec3 BackWall::force(const GuideInput& input) noexcept {
-  force_ = input.gate * input.tuning.assist * push_ * input.foot.place.tangent;
+  const PathProjection::Foot& foot = input.foot;
+  force_ = input.gate * foot.heading_certainty * input.tuning.assist * push_ * foot.place.tangent;
   return force_;
 }
 

@@ -43,6 +43,9 @@ class EnergyAccount {
     return given;
   }
 
+  /// States that the springs hold `stored` [J] now, after a change of the springs that no work accounts for.
+  void restate(double stored) noexcept { stored_ = stored; }
+
   /// Returns the mean force that acted between the last two ticks [N].
   [[nodiscard]] const Vec3& force() const noexcept { return force_; }
 

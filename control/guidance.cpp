@@ -20,8 +20,11 @@ double blend(double dt) {
   return -std::expm1(-std::max(0.0, dt) / kTimeConstant);
 }
 
+constexpr double kWallsReturn = 0.3;  // in which the share of the walls rises from 0 to 1 [s]
+
+/// Returns the depth in the wall [m]; negative within the tunnel.
 double depth(const PathProjection::Foot& foot) {
-  return foot.distance - foot.place.radius;
+  return foot.tube.distance - foot.tube.radius;
 }
 
 const Guidance::Options& checked_guidance(const Guidance::Options& options) {
@@ -40,7 +43,7 @@ Vec3 TunnelWall::force(const GuideInput& input) noexcept {
   const double d = depth(input.foot);
   if (!(d > 0)) return Vec3::Zero();
   const double f = d < w ? 0.5 * k * d * d / w : k * (d - 0.5 * w);
-  return -std::min(f, most) * input.foot.outwards;
+  return -std::min(f, most) * input.foot.tube.outwards;
 }
 
 double TunnelWall::stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
@@ -56,14 +59,24 @@ double TunnelWall::stored(const PathProjection::Foot& foot, const GuideTuning& t
 }
 
 Vec3 WallDamping::force(const GuideInput& input) noexcept {
-  const double d = depth(input.foot), v = input.state.velocity.dot(input.foot.outwards);
+  const Vec3& outwards = input.foot.tube.outwards;
+  const double d = depth(input.foot), v = input.state.velocity.dot(outwards);
   if (!(d > 0) || !(v > 0)) return Vec3::Zero();
-  return -input.tuning.damping * damping_ * std::min(d / onset_, 1.0) * v * input.foot.outwards;
+  return -input.tuning.damping * damping_ * std::min(d / onset_, 1.0) * v * outwards;
 }
 
 Vec3 ExpertForce::force(const GuideInput& input) noexcept {
-  share_ = std::min(input.gate, share_ + input.state.dt / kReturn);
-  return share_ * input.tuning.force * scale_ * input.foot.place.force;
+  const PathProjection::Foot& foot = input.foot;
+  returns_ |= input.gate <= 0;
+  if (returns_) {
+    const double pace = foot.speed > foot.expert_speed ? std::min(foot.speed / foot.expert_speed, kFastest) : 1;
+    share_ += pace * input.state.dt / kReturn;
+  }
+  if (!returns_ || share_ >= input.gate) {
+    share_ = input.gate;
+    returns_ = input.gate <= 0;
+  }
+  return foot.certainty * share_ * input.tuning.force * scale_ * input.foot.place.force;
 }
 
 double ExpertForce::allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
@@ -74,7 +87,8 @@ Vec3 PaceHelp::force(const GuideInput& input) noexcept {
   const PathProjection::Foot& foot = input.foot;
   const double lacking = (1 - options_.margin) * options_.pace * foot.expert_speed - kUnnoticed - foot.speed;
   if (!(lacking > 0)) return Vec3::Zero();
-  return input.gate * input.tuning.assist * std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
+  return input.gate * foot.heading_certainty * input.tuning.assist *
+         std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
 }
 
 Vec3 Resistance::force(const GuideInput& input) noexcept {
@@ -83,11 +97,11 @@ Vec3 Resistance::force(const GuideInput& input) noexcept {
 }
 
 Vec3 ErrorAmplification::force(const GuideInput& input) noexcept {
-  const PathProjection::Foot& foot = input.foot;
-  if (!(foot.distance < foot.place.radius)) return Vec3::Zero();
+  const PathProjection::Tube& tube = input.foot.tube;
+  if (!(tube.distance < tube.radius)) return Vec3::Zero();
   // Fades to zero over the outer fifth of the tunnel, before the wall begins.
-  const double fading = std::min(5 * (1 - foot.distance / foot.place.radius), 1.0);
-  return fading * std::min(stiffness_ * foot.distance, max_force_) * foot.outwards;
+  const double fading = std::min(5 * (1 - tube.distance / tube.radius), 1.0);
+  return fading * std::min(stiffness_ * tube.distance, max_force_) * tube.outwards;
 }
 
 double largest_wall_stiffness(double rate_hz, double delay, double damping) {
@@ -108,16 +122,36 @@ Guidance::Guidance(GuideTerms terms, const Options& options)
 
 double Guidance::gate(const PathProjection::Foot& foot) const noexcept {
   const double width = std::max(options_.gate_width, foot.place.radius);
-  const double u = std::clamp(depth(foot) / width, 0.0, 1.0);
+  const double u = std::clamp((foot.distance - foot.place.radius) / width, 0.0, 1.0);
   return 1 - u * u * (3 - 2 * u);
 }
 
-double Guidance::stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
+bool Guidance::is_active() const noexcept {
+  return std::any_of(terms_.begin(), terms_.end(),
+                     [](const auto& term) { return term->kind() == GuideTerm::Kind::active; });
+}
+
+double Guidance::stored(const PathProjection::Foot& foot, const PathProjection::Tube& tube,
+                        const GuideTuning& tuning) const noexcept {
   PathProjection::Foot tuned = foot;
   tuned.place.radius = tuning.radius(foot.place.radius);
+  tuned.tube = tube;
+  tuned.tube.radius = tuning.radius(tube.radius);
   double stored = 0;
   for (const auto& term : terms_) stored += term->stored(tuned, tuning);
   return tuning.share * stored;
+}
+
+void Guidance::change_tunnels(const PathProjection::Foot& foot) noexcept {
+  tube_ = foot.tube;
+  certainty_ = foot.certainty;
+  if (foot.tube.centre == foot.tube_before.centre && foot.tube.radius == foot.tube_before.radius) return;
+  const double before = wall_share_ * stored(foot, foot.tube_before, tuning_);
+  const double now = wall_share_ * stored(foot, foot.tube, tuning_);
+  if (now > before)
+    wall_share_ *= before / now;
+  else
+    account_.restate(now);
 }
 
 void Guidance::rest(double dt) noexcept {
@@ -127,13 +161,24 @@ void Guidance::rest(double dt) noexcept {
 
 void Guidance::approach(const PathProjection::Foot& foot, double dt) noexcept {
   const double share = blend(dt);
-  double held = stored(foot, tuning_), spare = std::max(0.0, tank_.level());
+  double spare = std::max(0.0, tank_.level());
+  if (wall_share_ < 1) {
+    const double next = std::min(1.0, wall_share_ + dt / kWallsReturn), holds = stored(foot, foot.tube, tuning_);
+    // Where the walls hold nothing, they return at once.
+    if (!(holds > 0)) {
+      wall_share_ = 1;
+    } else if (const double rise = (next - wall_share_) * holds; rise <= spare) {
+      spare -= rise;
+      wall_share_ = next;
+    }
+  }
+  double held = wall_share_ * stored(foot, foot.tube, tuning_);
   // One value at a time: an affordable change does not wait for one that is not.
   for (const auto value : kTuned) {
     if (tuning_.*value == target_.*value) continue;
     GuideTuning next = tuning_;
     next.*value += share * (target_.*value - tuning_.*value);
-    const double holds = stored(foot, next);
+    const double holds = wall_share_ * stored(foot, foot.tube, next);
     if (holds - held > spare) continue;
     spare -= std::max(0.0, holds - held);
     held = holds;
@@ -141,21 +186,28 @@ void Guidance::approach(const PathProjection::Foot& foot, double dt) noexcept {
   }
 }
 
-void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+void Guidance::credit(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
   double allowance = 0;
   for (const auto& term : terms_) allowance += tuning_.share * term->allowance(foot, tuning_);
-  if (const std::optional<double> given =
-          account_.update(state.position, state.force_applied - state.force_touched, stored(foot, tuning_))) {
+  // Nobody walked what a relocated place passes over.
+  const double walked = foot.relocated ? 0 : walked_.add(s_, foot.s);
+  double credit = allowance * (cursor ? walked : std::min(walked, (state.position - hand_).norm()));
+  if (cursor) credit += std::max(spring_.dot(foot.place.position - place_), 0.0);
+  budget_ += credit;
+  tank_.credit(credit);
+}
+
+void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
+  if (const std::optional<double> given = account_.update(state.position, state.force_applied - state.force_touched,
+                                                          wall_share_ * stored(foot, foot.tube_before, tuning_))) {
     given_ += *given;
     tank_.charge(*given);
-    double credit = 0;
-    if (foot.s > farthest_) credit += allowance * (foot.s - farthest_);
-    if (cursor) credit += std::max(spring_.dot(foot.place.position - place_), 0.0);
-    budget_ += credit;
-    tank_.credit(credit);
+    credit(state, foot, cursor);
   }
+  change_tunnels(foot);
   place_ = foot.place.position;
-  farthest_ = std::max(farthest_, foot.s);
+  s_ = foot.s;
+  hand_ = state.position;
 }
 
 Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
@@ -167,6 +219,7 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
   approach(foot, state.dt);
   PathProjection::Foot tuned = foot;
   tuned.place.radius = tuning_.radius(foot.place.radius);
+  tuned.tube.radius = tuning_.radius(foot.tube.radius);
   const GuideInput input{state, tuned, gate(tuned), tuning_};
   Vec3 spring = Vec3::Zero(), passive = Vec3::Zero(), active = Vec3::Zero();
   for (const auto& term : terms_) {
@@ -175,8 +228,8 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
                                                                : active;
     sum += term->force(input);
   }
-  spring_ = tuning_.share * spring;
-  Vec3 force = tuning_.share * (spring + passive + tank_.share() * active);
+  spring_ = tuning_.share * wall_share_ * spring;
+  Vec3 force = spring_ + tuning_.share * (passive + tank_.share() * active);
   // If the tank is overdrawn, damping takes the energy back within a tick, up to what the device withstands.
   if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
       damping > 0)

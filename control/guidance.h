@@ -6,6 +6,7 @@
 #include "control/energy_tank.h"
 #include "control/guidance_options.h"
 #include "control/path/path_projection.h"
+#include "control/walked_set.h"
 
 #include <algorithm>
 #include <memory>
@@ -33,7 +34,7 @@ struct GuideTuning {
 /// Input of a guidance term.
 struct GuideInput {
   const State& state;
-  const PathProjection::Foot& foot;  ///< with the radius in force
+  const PathProjection::Foot& foot;  ///< with the radius in force; walls act on its tube, other forces at its place
   double gate = 1;                   ///< closeness of the trainee to the path: 1 within the tunnel, 0 far from it
   GuideTuning tuning = {};           ///< in force
 };
@@ -72,6 +73,8 @@ using GuideTerms = std::vector<std::unique_ptr<GuideTerm>>;
 /// force nor its slope has a step where the wall begins:
 ///
 ///     f(d) = k d^2 / (2 w) for d < w,   k (d - w / 2) beyond, at most f_max,   d = distance - radius
+///
+/// It acts on the foot's tube, the nearest of all tunnels in which the trainee may be.
 class TunnelWall final : public GuideTerm {
  public:
   struct Options {
@@ -100,7 +103,9 @@ class WallDamping final : public GuideTerm {
 };
 
 /// Applies the expert's force at this place of the path, times a scale. A negative scale makes the trainee overcome the
-/// force. It follows the gate down at once, and up within kReturn.
+/// force. It follows the gate, times the certainty of the place. After the gate was closed, it returns within kReturn
+/// of the expert's time: a faster trainee, by up to kFastest times, would else be past the place before the force is
+/// back.
 class ExpertForce final : public GuideTerm {
  public:
   explicit ExpertForce(double scale) noexcept : scale_(scale) {}
@@ -110,14 +115,17 @@ class ExpertForce final : public GuideTerm {
   [[nodiscard]] double allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept override;
 
   static constexpr double kReturn = 0.3;  ///< [s]
+  static constexpr double kFastest = 4;   ///< relative to the expert's speed
 
  private:
   double scale_;
-  double share_ = 0;  ///< gate, with its rise limited
+  double share_ = 0;     ///< gate, with its rise limited
+  bool returns_ = true;  ///< the gate was closed, and the share has not caught up with it
 };
 
 /// Helps a trainee along the path if they are slower than the expert by more than a margin and kUnnoticed. It never
-/// slows the trainee down, and its force is bounded, so that it does not drag them.
+/// slows the trainee down, and its force is bounded, so that it does not drag them. Where the direction is in doubt, it
+/// fades.
 class PaceHelp final : public GuideTerm {
  public:
   explicit PaceHelp(const PaceHelpOptions& options) noexcept : options_(options) {}
@@ -177,14 +185,18 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 ///
 /// An EnergyAccount measures the energy given to the hand. A spring that is sampled and late gives more than it held:
 /// the excess is charged like any other energy, and damping takes it back when the tank is overdrawn. The allowance of
-/// the path (GuideTerm::allowance) is credited on the first pass, and so is the work of the cursor's drag in cursor
-/// mode. Over any session this gives
+/// the path (GuideTerm::allowance) is credited where it is walked for the first time, over no more than the distance
+/// that the hand moved. In cursor mode, the work of the cursor's drag is credited too. Over any session this gives
 ///
 ///     given to the hand  <=  energy + allowances of the path + work of the cursor's drag.
 ///
 /// The terms can be retuned while they act. Every value approaches its target by all but 2 % of the difference in
 /// 0.2 s. A narrower or stiffer wall holds more energy at the same depth, which it would give to the hand: the account
 /// charges the difference to the tank, and such a change waits while the tank does not hold enough.
+///
+/// The same holds when the plausible tunnels change (PlaceTracker). If the springs hold less energy at the same
+/// position of the hand, the difference is discarded and never credited. If they hold more, the walls continue with a
+/// share that holds the same energy, and the share rises to 1 within 0.3 s, as far as the tank pays.
 ///
 /// Real-time: all but the constructor. Threads: one at a time.
 class Guidance {
@@ -204,7 +216,7 @@ class Guidance {
   /// Restarts at the start of the path: its allowances may be earned again, and the tank keeps its level.
   void begin() noexcept {
     account_.begin();
-    farthest_ = 0;
+    walked_.clear();
   }
 
   /// Sets the tuning that the terms approach from now on; with `at_once`, they have it now. Values must be finite.
@@ -222,6 +234,13 @@ class Guidance {
   [[nodiscard]] Vec3 update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
 
   [[nodiscard]] const EnergyTank& tank() const noexcept { return tank_; }
+  /// Returns true if a term draws from the tank.
+  [[nodiscard]] bool is_active() const noexcept;
+  /// Returns the tunnel on which the walls act, with the path's own radius, and the share of the walls that acts.
+  [[nodiscard]] const PathProjection::Tube& tube() const noexcept { return tube_; }
+  [[nodiscard]] double wall_share() const noexcept { return wall_share_; }
+  /// Returns the certainty of the place at the last update.
+  [[nodiscard]] double certainty() const noexcept { return certainty_; }
   /// Returns the energy given to the hand beyond the energy stored in springs [J].
   [[nodiscard]] double given() const noexcept { return given_; }
   /// Returns the capacity of the tank plus all credits so far [J]. given() exceeds it by at most a tick's work.
@@ -230,8 +249,13 @@ class Guidance {
  private:
   [[nodiscard]] double gate(const PathProjection::Foot& foot) const noexcept;
   void account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
-  /// Returns the energy that the springs hold with `tuning` [J]. `foot` has the path's own radius.
-  [[nodiscard]] double stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept;
+  /// Credits the allowance for the part of the path that is walked at this tick.
+  void credit(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept;
+  /// Returns the energy that the springs hold with `tuning` in the foot's `tube`, which has the path's own radius [J].
+  [[nodiscard]] double stored(const PathProjection::Foot& foot, const PathProjection::Tube& tube,
+                              const GuideTuning& tuning) const noexcept;
+  /// Lets the walls act on another tunnel: they hold no more energy than before, and what they hold less is lost.
+  void change_tunnels(const PathProjection::Foot& foot) noexcept;
   /// Approaches the target as far as the tank allows.
   void approach(const PathProjection::Foot& foot, double dt) noexcept;
 
@@ -241,8 +265,13 @@ class Guidance {
   EnergyAccount account_;
   GuideTuning target_, tuning_;
   double given_ = 0, budget_ = 0;
-  Vec3 place_ = Vec3::Zero();   ///< foot at the previous tick [m]
-  double farthest_ = 0;         ///< largest arc length reached [m]
+  Vec3 place_ = Vec3::Zero();  ///< foot at the previous tick [m]
+  WalkedSet walked_;           ///< parts of the path whose allowance is credited
+  double s_ = 0;               ///< arc length of the foot at the previous tick [m]
+  Vec3 hand_ = Vec3::Zero();   ///< position at the previous tick [m]
+  PathProjection::Tube tube_;
+  double wall_share_ = 1;
+  double certainty_ = 1;
   Vec3 spring_ = Vec3::Zero();  ///< force of the restoring terms at the previous tick [N]
 };
 

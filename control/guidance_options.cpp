@@ -14,6 +14,7 @@ void validate(const GuidanceOptions& options) {
   check_range("the deviation limit", options.max_deviation, 1e-5, 10, "m");
   check_range("the deviation limit of the approach", options.max_approach_deviation.value_or(options.max_deviation),
               1e-5, 10, "m");
+  check_range("the position resolution", options.resolution, 0, 1, "m");
   check_range("the time for which a hand may resist", options.patience, 0, 3600, "s");
 }
 

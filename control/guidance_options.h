@@ -24,7 +24,7 @@ struct BackWallOptions {
 /// Course of a session of guidance, see GuidanceController.
 struct GuidanceOptions {
   bool cursor = false;      ///< the place on the path is a cursor that moves in the expert's time, else the trainee's
-  bool allow_back = false;  ///< the place may move backwards
+  bool allow_back = false;  ///< the walls let the trainee go back
   double speed = 1;         ///< speed of the cursor, relative to the expert's
   double wait = 0;          ///< distance at which the cursor waits for the trainee [m]; 0: never
   int repetitions = 1;      ///< 0: until stopped
@@ -38,6 +38,7 @@ struct GuidanceOptions {
   bool led = true;      ///< a force leads the hand to the start; else no force is sent during the approach
   double patience = 0;  ///< how long a hand may resist on the path [s], see Command; kPatience during the approach
   double rate_hz = 1000;
+  double resolution = 0;  ///< position resolution of the device [m]
 };
 
 /// Throws Error(input) that names the option that is out of range.

@@ -3,7 +3,6 @@
 #include "base/error.h"
 #include "control/guidance.h"
 #include "control/path/arc_path.h"
-#include "control/path/path_projection.h"
 #include "control/ripple.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_source.h"
@@ -98,7 +97,8 @@ class GuidanceJudge final : public SampleSink {
     run_.ripple = ripple_.lasting();
     run_.speed = std::max(run_.speed, device_.true_velocity().norm());
     run_.progress = std::max(run_.progress, sample.progress / std::max(path_.length(), 1e-9));
-    if (!cursor_)
+    // A place that moves elsewhere without forces does not count.
+    if (!cursor_ && guidance_.certainty() > 0)
       run_.jump = std::max(run_.jump, (sample.reference_position - place_).norm() - (sample.position - tool_).norm());
     place_ = sample.reference_position;
     tool_ = sample.position;
@@ -123,8 +123,8 @@ class GuidanceJudge final : public SampleSink {
   [[nodiscard]] double stored(const Sample& sample) const noexcept {
     PathProjection::Foot foot;
     foot.place = path_.at(sample.progress);
-    foot.distance = (device_.true_position() - sample.reference_position).norm();
-    return wall_.stored(foot, {});
+    foot.tube = PathProjection::tube_of(guidance_.tube().centre, guidance_.tube().radius, device_.true_position());
+    return guidance_.wall_share() * wall_.stored(foot, {});
   }
 
   const SimDevice& device_;

@@ -115,6 +115,12 @@ Vec3 ArcPath::position_at(double s) const noexcept {
   return position_[i] + share * (position_[i + 1] - position_[i]);
 }
 
+double ArcPath::radius_at(double s) const noexcept {
+  if (position_.size() < 2) return radius_.front();
+  const auto [i, share] = where(s);
+  return radius_[i] + share * (radius_[i + 1] - radius_[i]);
+}
+
 double ArcPath::time_at(double s) const noexcept {
   if (position_.size() < 2) return 0;
   const auto [i, share] = where(s);
@@ -153,6 +159,19 @@ ArcPath::Nearest ArcPath::nearest_on(std::size_t i, const Vec3& point) const noe
   const Vec3 way = position_[i + 1] - position_[i], offset = point - position_[i];
   const double share = std::clamp(offset.dot(way) / way.squaredNorm(), 0.0, 1.0);
   return {knot_at(i) + share * segment_length(i), (offset - share * way).squaredNorm()};
+}
+
+ArcPath::Nearest ArcPath::nearest_between(double from, double to, const Vec3& point) const noexcept {
+  Nearest best{from, (point - position_at(from)).squaredNorm()};
+  for (std::size_t i = segment_at(from), last = segment_at(to); i <= last; ++i) {
+    Nearest nearest = nearest_on(i, point);
+    if (nearest.s < from || nearest.s > to) {
+      nearest.s = std::clamp(nearest.s, from, to);
+      nearest.squared_distance = (point - position_at(nearest.s)).squaredNorm();
+    }
+    if (nearest.squared_distance < best.squared_distance) best = nearest;
+  }
+  return best;
 }
 
 }  // namespace haptrace

@@ -69,6 +69,8 @@ class ArcPath {
   /// Returns the point at arc length `s` [m], clamped to the ends of the path; NaN gives the start.
   [[nodiscard]] Place at(double s) const noexcept;
   [[nodiscard]] Vec3 position_at(double s) const noexcept;
+  /// Returns the tunnel radius at arc length `s` [m].
+  [[nodiscard]] double radius_at(double s) const noexcept;
 
   /// Returns the arc length of knot `i` [m].
   [[nodiscard]] double knot_at(std::size_t i) const noexcept {
@@ -84,6 +86,8 @@ class ArcPath {
     double s = 0, squared_distance = 0;
   };
   [[nodiscard]] Nearest nearest_on(std::size_t i, const Vec3& point) const noexcept;
+  /// Returns the nearest point between two arc lengths, the first of several. Costs O(segments between them).
+  [[nodiscard]] Nearest nearest_between(double from, double to, const Vec3& point) const noexcept;
   /// Returns the index of the segment that contains arc length `s`.
   [[nodiscard]] std::size_t segment_at(double s) const noexcept;
 

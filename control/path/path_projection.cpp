@@ -12,8 +12,6 @@ namespace {
 constexpr double kSpeedTime = 0.02;    // time constant of the foot point's speed [s]
 constexpr double kPreference = 0.02;   // a point beyond a rise of the distance must be nearer by this [spacings]
 constexpr double kLeap = 1e-3;         // largest move of the foot point in a tick beyond the tool's own move [m]
-constexpr double kAhead = 40;          // distance within which the foot point passes a cut corner: 10 mm [spacings]
-constexpr double kCut = 5e-4;          // a point beyond a cut corner must be nearer by this [m]
 constexpr double kMostSegments = 128;  // searched per tick; limits the cost on the finest paths
 
 }  // namespace
@@ -24,23 +22,20 @@ void PathProjection::start(double s) noexcept {
   foot_.place = path_->at(foot_.s);
 }
 
-const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt) noexcept {
+const PathProjection::Foot& PathProjection::update(const Vec3& position, double dt, double from, double to) noexcept {
   if (!is_finite(position)) return foot_;
   // In a long tick the foot point may move at most kLeap farther than the tool; otherwise it would jump round a corner.
   const double moved = (position - foot_.place.position - foot_.offset).norm();
   const double reach = std::min({options_.max_speed * dt, moved + kLeap, kMostSegments * path_->spacing()});
+  const double least = std::max(foot_.s - reach, 0.0), most = std::min(foot_.s + reach, path_->length());
+  from = std::clamp(from, least, most);
+  to = std::clamp(to, from, most);
   // Keeps the current foot point unless another point is nearer, so that it rests unless the tool moves.
-  ArcPath::Nearest best{foot_.s, (position - path_->position_at(foot_.s)).squaredNorm()};
-  look(foot_.s, std::min(foot_.s + reach, path_->length()), false, position, best);
+  const double now = std::clamp(foot_.s, from, to);
+  ArcPath::Nearest best{now, (position - path_->position_at(now)).squaredNorm()};
+  look(now, to, false, position, best);
   // At the turn of a retraced stroke both directions are equally near. The forward direction wins.
-  if (options_.allow_back) look(std::max(foot_.s - reach, 0.0), foot_.s, true, position, best);
-  // A tool that cuts a corner, or turns before the end of a stroke, is nearer to the path after it. The foot point
-  // slides there.
-  if (const double off = std::sqrt(best.squared_distance); off > kCut) {
-    ArcPath::Nearest ahead{foot_.s, (off - kCut) * (off - kCut)};
-    look(foot_.s, std::min(foot_.s + kAhead * path_->spacing(), path_->length()), false, position, ahead);
-    if (ahead.s > foot_.s) best.s = std::min(ahead.s, foot_.s + reach);
-  }
+  look(from, now, true, position, best);
   return stand_at(best.s, position, dt);
 }
 
@@ -74,9 +69,16 @@ const PathProjection::Foot& PathProjection::stand_at(double s, const Vec3& posit
     foot_.expert_speed += blend * (foot_.place.speed - foot_.expert_speed);
   }
   foot_.offset = position - foot_.place.position;
-  foot_.distance = norm_of(foot_.offset);
-  foot_.outwards = foot_.distance > 0 ? Vec3(foot_.offset / foot_.distance) : Vec3::Zero();
+  foot_.tube = foot_.tube_before = tube_of(foot_.place.position, foot_.place.radius, position);
+  foot_.distance = foot_.tube.distance;
+  foot_.outwards = foot_.tube.outwards;
   return foot_;
+}
+
+PathProjection::Tube PathProjection::tube_of(const Vec3& centre, double radius, const Vec3& position) noexcept {
+  const Vec3 offset = position - centre;
+  const double distance = norm_of(offset);
+  return {centre, radius, distance, distance > 0 ? Vec3(offset / distance) : Vec3(Vec3::Zero())};
 }
 
 }  // namespace haptrace

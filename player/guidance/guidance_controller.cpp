@@ -27,7 +27,7 @@ GuidanceController::GuidanceController(std::shared_ptr<const ArcPath> path, Guid
       guidance_(std::move(guidance)),
       approach_gains_(approach),
       options_(options),
-      projection_(*path_, {.allow_back = options.allow_back}) {
+      tracker_(*path_, {.allow_back = options.allow_back, .resolution = options.resolution}) {
   validate(options);
   haptrace::validate(approach);
 }
@@ -59,8 +59,9 @@ void GuidanceController::begin_approach(const Vec3& from) noexcept {
 }
 
 bool GuidanceController::arrived() const noexcept {
-  const double left = path_->length() - projection_.foot().s;
-  return options_.cursor ? left <= 0 : left <= std::min(kArrived, 0.05 * path_->length());
+  const double left = path_->length() - tracker_.foot().s;
+  if (options_.cursor) return left <= 0;
+  return left <= std::min(kArrived, 0.05 * path_->length()) && tracker_.foot().certainty > 0;
 }
 
 bool GuidanceController::may_begin(const Vec3& position) const noexcept {
@@ -75,6 +76,22 @@ void GuidanceController::watch_deviation(double deviation, Command& command) con
   command.event = Event{.code = EventCode::deviation_limit, .values = {deviation, limit, kNaN}};
 }
 
+bool GuidanceController::Lasting::update(bool is, double dt, double time) noexcept {
+  const double before = std::exchange(now, is ? now + dt : 0);
+  if (is) total += dt;
+  return before < time && now >= time;
+}
+
+void GuidanceController::watch_forces(const State& state, Command& command) noexcept {
+  run_time_ += state.dt;
+  const PlaceTracker::Foot& foot = tracker_.foot();
+  const double share = guidance_.tank().share();
+  if (doubt_.update(foot.certainty < kFaded, state.dt, kDoubtLasts) && !command.event)
+    command.event = Event{.code = EventCode::place_in_doubt, .values = {doubt_.now, foot.s, tracker_.rival()}};
+  if (empty_.update(guidance_.is_active() && share < kFaded, state.dt, kEmptyLasts) && !command.event)
+    command.event = Event{.code = EventCode::tank_empty, .values = {empty_.now, share, kNaN}};
+}
+
 bool GuidanceController::follow_requests(const State& state) noexcept {
   requests_.update(state.dt);
   phases_.add(requests_.take_repeats());
@@ -85,7 +102,7 @@ bool GuidanceController::follow_requests(const State& state) noexcept {
   guidance_.tune(target);
   if (was_paused && !paused_) {
     // No force has led the hand meanwhile. The law must not pull it from afar.
-    const bool near = norm_of(state.position - projection_.foot().place.position) <= 0.5 * options_.max_deviation;
+    const bool near = norm_of(state.position - tracker_.foot().place.position) <= 0.5 * options_.max_deviation;
     hand_.reset();
     if (phases_.phase() == Phase::approach || (phases_.phase() == Phase::run && !near)) {
       blend_ = Ramp(0);
@@ -104,7 +121,7 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
       if (!phases_.approached() || !may_begin(state.position)) return;
       phases_.end_approach();
       cursor_time_ = RunningTime();
-      projection_.start();
+      tracker_.start();
       guidance_.begin();
       if (wall_ != nullptr) wall_->begin();
       command.event = phases_.repetition_event();
@@ -113,7 +130,7 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
       const bool over = options_.time_limit > 0 && phases_.elapsed() >= options_.time_limit;
       if (!over && !arrived()) return;
       if (!arrived())
-        command.event = Event{.code = EventCode::time_over, .values = {projection_.foot().s, path_->length(), kNaN}};
+        command.event = Event{.code = EventCode::time_over, .values = {tracker_.foot().s, path_->length(), kNaN}};
       phases_.begin_hold();
       return;
     }
@@ -136,12 +153,13 @@ void GuidanceController::tell_initiation(Command& command) noexcept {
 
 const PathProjection::Foot& GuidanceController::follow(const State& state) noexcept {
   if (phases_.phase() != Phase::run || paused_)
-    return projection_.move_to(projection_.foot().s, state.position, state.dt);
-  if (!options_.cursor) return projection_.update(state.position, state.dt);
-  const bool waits = options_.wait > 0 && projection_.foot().distance > options_.wait;
+    return options_.cursor ? tracker_.move_to(tracker_.foot().s, state.position, state.dt)
+                           : tracker_.hold(state.position, state.dt);
+  if (!options_.cursor) return tracker_.update(state.position, state.dt);
+  const bool waits = options_.wait > 0 && tracker_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
   cursor_time_ = cursor_time_.after(pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz));
-  return projection_.move_to(path_->place_at(cursor_time_.seconds()), state.position, state.dt);
+  return tracker_.move_to(path_->place_at(cursor_time_.seconds()), state.position, state.dt);
 }
 
 Command GuidanceController::update(const State& state) noexcept {
@@ -169,7 +187,7 @@ Command GuidanceController::update(const State& state) noexcept {
       command.reference_force = foot.place.force;
       command.progress = foot.s;
       if (options_.tunnel) command.tunnel_radius = guidance_.tuning().radius(foot.place.radius);
-      if (!phases_.finished() && !paused_) watch_deviation(foot.distance, command);
+      if (!phases_.finished() && !paused_) watch_deviation(std::min(foot.distance, foot.tube.distance), command);
     }
   } else {
     guidance_.rest(state.dt);
@@ -187,6 +205,7 @@ Command GuidanceController::update(const State& state) noexcept {
     command.wrench.force += (1 - share) * guidance_.tuning().share * pd_force(approach_gains_, state, held);
   }
 
+  if (phases_.phase() == Phase::run && !paused_) watch_forces(state, command);
   tell_initiation(command);
   command.phase = phases_.phase();
   if (phases_.finished() && command.status == Command::Status::working) command.status = Command::Status::finished;

@@ -8,6 +8,7 @@
 #include "control/guidance_options.h"
 #include "control/hand_watch.h"
 #include "control/limits.h"
+#include "control/path/place_tracker.h"
 #include "control/pd.h"
 #include "player/repetition_phases.h"
 #include "player/tuning/session_requests.h"
@@ -31,11 +32,18 @@ struct GuidePlan;
 /// Between the PD law and Guidance the forces blend over kBlend. The reference is the trainee's place on the path (or
 /// the cursor), with the expert's velocity and force there.
 ///
+/// The end of the path counts only while the place is not in full doubt. Events report a place that is in doubt and an
+/// energy tank that is empty for long.
+///
 /// The servo loop softens walls that make it vibrate (ForceGuard).
 class GuidanceController final : public Controller {
  public:
   static constexpr double kBlend = 0.3;     ///< [s]
   static constexpr double kArrived = 2e-3;  ///< [m]
+  static constexpr double kDoubtLasts = 1;  ///< an event reports a doubt that lasts so long, ...
+  static constexpr double kEmptyLasts = 2;  ///< ... and so long an empty tank [s]
+  /// Share of the active forces below which the place counts as in doubt, and the tank as empty.
+  static constexpr double kFaded = 0.5;
 
   GuidanceController(std::shared_ptr<const ArcPath> path, Guidance guidance, const PdGains& approach,
                      const GuidanceOptions& options);
@@ -62,6 +70,10 @@ class GuidanceController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override;
 
   [[nodiscard]] const Guidance& guidance() const noexcept { return guidance_; }
+  /// Returns the share of the time of all runs in which the place was in doubt, and in which the tank was empty; 0
+  /// without a run.
+  [[nodiscard]] double share_in_doubt() const noexcept { return run_time_ > 0 ? doubt_.total / run_time_ : 0; }
+  [[nodiscard]] double share_empty() const noexcept { return run_time_ > 0 ? empty_.total / run_time_ : 0; }
 
  private:
   void begin_approach(const Vec3& from) noexcept;
@@ -77,6 +89,8 @@ class GuidanceController final : public Controller {
   /// Returns true when the run may begin: always if a force led the trainee, else near the start or after the time
   /// limit.
   [[nodiscard]] bool may_begin(const Vec3& position) const noexcept;
+  /// Counts the time in doubt and with an empty tank, and reports when it lasts.
+  void watch_forces(const State& state, Command& command) noexcept;
   /// Ends the session when `deviation` exceeds the limit of the current phase.
   void watch_deviation(double deviation, Command& command) const noexcept;
 
@@ -84,7 +98,7 @@ class GuidanceController final : public Controller {
   Guidance guidance_;
   PdGains approach_gains_;
   GuidanceOptions options_;
-  PathProjection projection_;
+  PlaceTracker tracker_;
 
   RepetitionPhases phases_{options_.repetitions, options_.hold, options_.approach_speed};
   RunningTime cursor_time_;  ///< of the expert
@@ -97,6 +111,15 @@ class GuidanceController final : public Controller {
   bool paused_ = false;
   BackWall* wall_ = nullptr;  ///< owned by guidance_
   bool ran_ = false;          ///< a run's initiation has not been reported
+
+  /// A state that may last.
+  struct Lasting {
+    double now = 0, total = 0;  ///< duration of the present one, and of all [s]
+    /// Returns true when it has lasted for `time` [s].
+    bool update(bool is, double dt, double time) noexcept;
+  };
+  Lasting doubt_, empty_;
+  double run_time_ = 0;  ///< [s]
 };
 
 /// Returns the controller that guide() runs, for other kinds of sessions. It has no time limit unless the options set

@@ -9,7 +9,7 @@
 #include "control/hand_watch.h"
 #include "control/limits.h"
 #include "control/path/arc_path.h"
-#include "control/path/path_projection.h"
+#include "control/path/place_tracker.h"
 #include "control/pd.h"
 #include "control/resistance_timer.h"
 #include "formats/documents/session_log.h"
@@ -63,11 +63,10 @@ void widen(ArcPath& path, const std::string& name, const DeviceInfo& device, con
   // Another movement would open the tunnel anywhere.
   require_same_movement({name, std::make_shared<const ArcPath>(path)}, copies);
   for (const DevicePath& played : others) {
-    PathProjection projection(path, {});
-    projection.start();
+    PlaceTracker tracker(path, {.allow_back = true});
     double before = 0;
     visit_path(played.source, options.smoothing, [&](double t, const Vec3& position, const Vec3&) {
-      const auto& foot = projection.update(position, t - before);
+      const auto& foot = tracker.update(position, t - before);
       before = t;
       const std::size_t knot = std::min(path.segment_at(foot.s) + 1, path.knots() - 1);
       for (std::size_t i : {knot - std::min<std::size_t>(knot, 1), knot})
@@ -350,6 +349,7 @@ GuidanceController guidance_controller(const DeviceInfo& device, const GuidePlan
   GuidanceOptions guidance = options.guidance;
   guidance.rate_hz = options.session.loop.rate_hz;
   guidance.tunnel = has_tunnel(options);
+  guidance.resolution = std::max(device.position_resolution, 0.0);
   // A trainee may touch the walls for any time, but a reference that moves by itself must not push against a hand for
   // ever.
   if (guidance.cursor || options.pace || plan.initiate) guidance.patience = kPatience;
@@ -403,6 +403,8 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   if (!result.repetitions.empty()) result.last = result.repetitions.back();
   result.energy_given = controller.guidance().given();
   result.energy_budget = controller.guidance().budget();
+  result.time_in_doubt = controller.share_in_doubt();
+  result.time_empty = controller.share_empty();
   return result;
 }
 
@@ -419,6 +421,8 @@ nlohmann::json to_json(const GuideResult& result) {
   json["stiffness_n_per_m"] = result.plan.stiffness;
   json["energy_given_j"] = result.energy_given;
   json["energy_budget_j"] = result.energy_budget;
+  json["time_in_doubt"] = result.time_in_doubt;
+  json["time_tank_empty"] = result.time_empty;
   if (result.plan.fit)
     json["fit"] = {{"scale", result.plan.fit->scale}, {"offset_m", json_of(result.plan.fit->offset)}};
   return json;

@@ -114,6 +114,8 @@ struct GuideResult {
   GuideFigures last;
   double energy_given = 0;   ///< energy given to the hand beyond what springs store [J]
   double energy_budget = 0;  ///< upper bound on energy_given [J]
+  double time_in_doubt = 0;  ///< share of the time on the path in which the place was in doubt
+  double time_empty = 0;     ///< share of that time in which the energy tank was empty, see GuidanceController
 };
 
 /// Returns the path and the tunnel of `plan`, for a view.

@@ -3,7 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "control/path/arc_path.h"
-#include "control/path/path_projection.h"
+#include "control/path/place_tracker.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/sim_device.h"
 #include "player/device_path.h"
@@ -129,7 +129,7 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
   const ArcPath finest = arc_path_of(path, kFinestSpacing);
   if (finest.length() <= 0) return trade;
   std::vector<ArcPath::Place> places;
-  PathProjection exact(finest, {.allow_back = true});
+  PlaceTracker exact(finest, {.allow_back = true});
   exact.start();
   for (std::size_t i = 0; i < trainee.size(); ++i)
     places.push_back(exact.update(trainee[i], i > 0 ? 1 / kTraineeRate : 0).place);
@@ -142,7 +142,7 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
                          .values = {},
                          .refused = {}};
     const ArcPath arc = arc_path_of(path, spacing);
-    PathProjection projection(arc, {.allow_back = true});
+    PlaceTracker projection(arc, {.allow_back = true});
     projection.start();
     double squares = 0, peak = 0, forces = 0;
     for (std::size_t i = 0; i < trainee.size(); ++i) {

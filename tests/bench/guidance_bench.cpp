@@ -1,7 +1,9 @@
-// Benchmark of guidance per tick, for paths of different lengths: the cost should not depend on the length.
+// Benchmarks of guidance per tick and of one update of the place, for paths of different lengths: beyond a window, the
+// cost should not depend on the length.
 #include "control/guidance.h"
-#include "control/path/path_projection.h"
+#include "control/path/place_tracker.h"
 
+#include <algorithm>
 #include <benchmark/benchmark.h>
 #include <cmath>
 
@@ -27,7 +29,7 @@ void guidance_tick(benchmark::State& bench) {
   terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
   terms.push_back(std::make_unique<Viscosity>(1));
   Guidance guidance(std::move(terms), {});
-  PathProjection projection(path, {});
+  PlaceTracker projection(path, {});
   projection.start(0.5 * path.length());
   State state;
   state.dt = 1e-3;
@@ -47,6 +49,21 @@ BENCHMARK(guidance_tick)
     ->Arg(10'000'000)
     ->Arg(36'000'000)
     ->Unit(benchmark::kNanosecond);
+
+/// Every iteration moves the hand far enough for an update of the costs of all places.
+void place_update(benchmark::State& bench) {
+  const ArcPath path = loops(bench.range(0));
+  PlaceEvidence evidence(path);
+  const double step = 1.001 * std::max(evidence.spacing(), evidence.scale() * 1e-3);
+  double s = 0;
+  for (auto _ : bench) {
+    s += step;
+    if (s > 0.9 * path.length()) evidence.start(s = 0, path.position_at(0));
+    benchmark::DoNotOptimize(evidence.update(path.position_at(s) + Vec3(0, 0, 6e-3), 1e-2));
+  }
+  bench.counters["states"] = static_cast<double>(std::min<std::size_t>(evidence.states(), 801));
+}
+BENCHMARK(place_update)->Arg(3'800)->Arg(8'000)->Arg(100'000)->Arg(1'000'000)->Unit(benchmark::kNanosecond);
 
 }  // namespace
 }  // namespace haptrace

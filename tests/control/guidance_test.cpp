@@ -29,7 +29,9 @@ ArcPath straight(double radius = kRadius) {
 
 PathProjection::Foot foot_at(const ArcPath& path, const Vec3& tool) {
   PathProjection projection(path, {});
-  return projection.move_to(tool.x(), tool, 1e-3);
+  PathProjection::Foot foot = projection.move_to(tool.x(), tool, 1e-3);
+  foot.speed = foot.expert_speed;
+  return foot;
 }
 
 GuideTerms walls(double stiffness = 1000) {
@@ -184,6 +186,119 @@ TEST(Guidance, FadesTheExpertsForceWithDistanceAndBringsItBackSlowly) {
   EXPECT_NEAR(force(0.011), 0, 1e-9);
   for (int i = 0; i < 150; ++i) f = force(0);
   EXPECT_NEAR(f, 1.5, 0.05) << "half way after half the time";
+  for (int i = 0; i < 200; ++i) f = force(0);
+  EXPECT_NEAR(force(0.0075), 1.5, 1e-6);
+  EXPECT_NEAR(force(0), 3, 1e-6) << "at once, if the gate was not closed";
+}
+
+TEST(Guidance, BringsTheExpertsForceBackWithinTheExpertsTimeForAFasterTrainee) {
+  const ArcPath path = straight();
+  for (const double pace : {0.5, 1.0, 3.0, 50.0}) {
+    GuideTerms terms = walls(1e-9);
+    terms.push_back(std::make_unique<ExpertForce>(1));
+    Guidance guidance(std::move(terms), {});
+    double f = 0;
+    for (int i = 0; i < 60; ++i) {
+      const State state = moving(Vec3(0.1, 0, 0));
+      auto foot = foot_at(path, state.position);
+      foot.speed = pace * foot.expert_speed;
+      f = guidance.update(state, foot, false).y();
+    }
+    EXPECT_NEAR(f / 1.5, 60e-3 / 0.3 * std::clamp(pace, 1.0, 4.0), 1e-6) << pace;
+  }
+}
+
+TEST(Guidance, FadesForcesOfAPlaceThatIsInDoubt) {
+  const ArcPath path = straight();
+  GuideTerms terms = walls(1e-9);
+  terms.push_back(std::make_unique<ExpertForce>(1));
+  terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{}));
+  Guidance guidance(std::move(terms), {});
+  const auto force = [&](double certainty, double heading_certainty) {
+    const State state = moving(Vec3(0.1, 0, 0));
+    auto foot = foot_at(path, state.position);
+    foot.speed = 0;
+    foot.expert_speed = 0.1;
+    foot.certainty = certainty;
+    foot.heading_certainty = heading_certainty;
+    return guidance.update(state, foot, false);
+  };
+  for (int i = 0; i < 400; ++i) (void)force(1, 0);
+  EXPECT_NEAR(force(1, 0).y(), 1.5, 1e-6);
+  EXPECT_NEAR(force(0.5, 0).y(), 0.75, 1e-6);
+  EXPECT_NEAR(force(0, 0).norm(), 0, 1e-6);
+  EXPECT_NEAR(force(0, 1).x(), 1, 1e-6) << "the help along the path, at its largest";
+}
+
+/// Returns the foot of a tool at y = 10 mm, 5 mm deep in the wall of a tunnel, that stands `depth` [m] deep in the wall
+/// of the nearest plausible one, after `depth_before` in those before.
+PathProjection::Foot between_tunnels(const ArcPath& path, double depth_before, double depth) {
+  const Vec3 tool(0.1, 0.01, 0);
+  PathProjection::Foot foot = foot_at(path, tool);
+  const auto tube = [&](double deep) {
+    return PathProjection::tube_of(tool - Vec3(0, kRadius + deep, 0), kRadius, tool);
+  };
+  foot.tube_before = tube(depth_before);
+  foot.tube = tube(depth);
+  return foot;
+}
+
+TEST(Guidance, DiscardsTheEnergyOfAWallThatTurnsOutToBeWrong) {
+  const ArcPath path = straight();
+  Guidance guidance(walls(), {});
+  const State state = moving(Vec3(0.1, 0.01, 0));
+  for (int i = 0; i < 3; ++i) (void)guidance.update(state, between_tunnels(path, 5e-3, 5e-3), false);
+  const double level = guidance.tank().level(), given = guidance.given();
+  EXPECT_EQ(guidance.update(state, between_tunnels(path, 5e-3, -1e-3), false), Vec3::Zero());
+  (void)guidance.update(state, between_tunnels(path, -1e-3, -1e-3), false);
+  EXPECT_EQ(guidance.tank().level(), level) << "not credited";
+  EXPECT_EQ(guidance.given(), given);
+}
+
+TEST(Guidance, RaisesAWallThatAppearsSlowlyAndPaysForItsEnergy) {
+  const ArcPath path = straight();
+  const TunnelWall wall({.stiffness = 1000, .onset = 1e-3, .max_force = 8});
+  const double energy = wall.stored(between_tunnels(path, 5e-3, 5e-3), {});
+  for (const double capacity : {0.3, 0.5 * energy}) {
+    Guidance guidance(walls(), {.energy = capacity});
+    const State state = moving(Vec3(0.1, 0.01, 0));
+    for (int i = 0; i < 3; ++i) (void)guidance.update(state, between_tunnels(path, -1e-3, -1e-3), false);
+    double before = guidance.update(state, between_tunnels(path, -1e-3, 5e-3), false).norm();
+    EXPECT_LT(before, 0.02) << "it begins without force";
+    for (int i = 0; i < 500; ++i) {
+      const double force = guidance.update(state, between_tunnels(path, 5e-3, 5e-3), false).norm();
+      ASSERT_LE(force - before, 0.02) << i;
+      before = force;
+    }
+    EXPECT_NEAR(before / 4.5, std::min(capacity / energy, 1.0), 0.01) << "of the force of 4.5 N";
+    EXPECT_NEAR(guidance.given(), std::min(energy, capacity), 0.01 * energy);
+    EXPECT_GE(guidance.tank().level(), 0);
+  }
+}
+
+TEST(Guidance, CreditsWhatWasWalkedAndNoMoreThanTheHandMoved) {
+  const ArcPath path = straight();
+  const double allowance = 0.5;  // the expert's force along the path [N]
+  const auto credit = [&](const std::vector<std::pair<double, bool>>& places) {
+    GuideTerms terms = walls();
+    terms.push_back(std::make_unique<ExpertForce>(1));
+    Guidance guidance(std::move(terms), {});
+    double moved = 0;
+    for (const auto& [s, relocated] : places) {
+      PathProjection projection(path, {});
+      auto foot = projection.move_to(s, Vec3(moved, 0, 0), 1e-3);
+      foot.relocated = relocated;
+      (void)guidance.update(moving(Vec3(moved, 0, 0)), foot, false);
+      moved += 1e-3;
+    }
+    return guidance.budget() - 0.3;
+  };
+  EXPECT_NEAR(credit({{0, false}, {1e-3, false}, {2e-3, false}}), allowance * 2e-3, 1e-9);
+  EXPECT_NEAR(credit({{0, false}, {0.01, false}}), allowance * 1e-3, 1e-9) << "the hand moved 1 mm";
+  EXPECT_NEAR(credit({{0, false}, {0.1, true}, {0.101, false}}), allowance * 1e-3, 1e-9) << "nobody walked the rest";
+  EXPECT_NEAR(credit({{0.1, false}, {0.101, false}, {0, true}, {1e-3, false}}), allowance * 2e-3, 1e-9)
+      << "skipped, and walked later";
+  EXPECT_NEAR(credit({{0, false}, {1e-3, false}, {0, false}, {1e-3, false}}), allowance * 1e-3, 1e-9) << "once";
 }
 
 TEST(Guidance, ChargesAForceWhenItActs) {
@@ -259,7 +374,7 @@ struct Loop {
 struct Outcome {
   double given = 0, budget = 0;  ///< Work of the force and spring energy, beyond the budget; the budget [J].
   double farthest = 0;           ///< Largest distance from the path after the first second [m].
-  double ripple = 0;             ///< Rms speed above some 2 Hz in the last half second, with the device released [m/s].
+  double ripple = 0;             ///< Rms speed above some 2 Hz in the last half second of 2 s without a hand [m/s].
 };
 
 enum class Terms { all, walls };
@@ -289,13 +404,13 @@ Outcome guided(const Hand& hand, const Loop& loop, bool cursor, Terms terms) {
   Outcome outcome;
   double wanted = 0, given = 0, ripple = 0;
   int rippled = 0;
-  const double duration = 5;
+  const double duration = 6;
   for (int tick = 0; tick * period < duration; ++tick) {
     const double t = tick * period;
     for (int axis = 0; axis < 3; ++axis)
       tremor[axis] += period * 60 * (hand.tremor * normal(random) / std::sqrt(0.5 * 60 * period) - tremor[axis]);
     wanted += hand.speed * period;
-    const bool holds = !(hand.lets_go && t > 2 && t < 3) && t < duration - 1;
+    const bool holds = !(hand.lets_go && t > 2 && t < 3) && t < duration - 2;
     Vec3 will = path.at(wanted).position + tremor + Vec3(0, 0, hand.wander * std::sin(7 * t));
     if (hand.pushes_on && t > 1 && t < 2) will += Vec3(0.03, 0.03, 0);
     for (int i = 0; i < steps; ++i) {

@@ -5,6 +5,7 @@
 #include "control/iterative_learning.h"
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
+#include "control/path/place_tracker.h"
 #include "tests/extremes/support.h"
 
 #include <fmt/format.h>
@@ -164,7 +165,7 @@ TEST(Laws, WithstandWallsUpToABillionAndForcesOfAnyScaleInGuidance) {
         terms.push_back(std::make_unique<PaceHelp>(PaceHelpOptions{.pace = 100}));
         terms.push_back(std::make_unique<ErrorAmplification>(1e4, 100));
         Guidance guidance(std::move(terms), {});
-        PathProjection projection(path, {.allow_back = true});
+        PlaceTracker projection(path, {.allow_back = true});
         projection.start();
         State state;
         Gaussian random(8, 8);

@@ -3,6 +3,7 @@
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
+#include "control/path/place_tracker.h"
 #include "control/ripple.h"
 #include "devices/plugin/plugin_device.h"
 #include "player/guidance/guidance_controller.h"
@@ -265,7 +266,7 @@ TEST(NotANumber, CausesNoGuidanceForceAndLeavesTheEnergyTankAlone) {
     terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
     terms.push_back(std::make_unique<ExpertForce>(1));
     Guidance guidance(std::move(terms), {});
-    PathProjection projection(path, {});
+    PlaceTracker projection(path, {});
     projection.start();
     State state;
     for (int i = 0; i < 500; ++i) {

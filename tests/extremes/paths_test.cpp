@@ -1,6 +1,7 @@
 // Tests of paths without length, of one point and of ten million, of a nanometre and of ten metres.
 #include "control/guidance.h"
 #include "control/path/path_smoothing.h"
+#include "control/path/place_tracker.h"
 #include "player/guidance/guidance_controller.h"
 #include "tests/extremes/support.h"
 
@@ -214,7 +215,7 @@ TEST(Paths, AreFollowedThroughTenMillionPoints) {
     builder.add(EndlessLoops::time_of(row), source->at(row), Vec3::Zero());
   const ArcPath path = builder.finish(1e-3);
   EXPECT_GT(path.length(), 2000);
-  PathProjection projection(path, {});
+  PlaceTracker projection(path, {});
   projection.start(path.length() - 0.05);
   for (int i = 0; i < 300; ++i) {
     const double s = path.length() - 0.05 + 2e-4 * i;
