@@ -1,6 +1,7 @@
 #include "metrics/path_alignment.h"
 
 #include "control/path/path.h"
+#include "control/path/place_weights.h"
 
 #include <algorithm>
 #include <array>
@@ -13,12 +14,24 @@ namespace haptrace {
 namespace {
 
 // Lengths are in the unit of the curve, which is 1 mm for a curve with a diagonal of 110 mm.
-constexpr double kUsualDiagonal = 0.110, kMillimetre = 1e-3, kLeastUnit = 1e-4;  // [m]
+constexpr double kUsualDiagonal = kPlaceWeights.diagonal, kMillimetre = 1e-3, kLeastUnit = 1e-4;  // [m]
 constexpr double kMostStates = 2000, kMostUpdates = 3000;
-constexpr float kSkip = 0.05F, kBack = 0.2F, kCap = 6, kBehind = 0.3F, kHeading = 0.15F;
-constexpr float kDistance = 0.05F, kSigma = 4, kForget = 30;
+
+/// Returns a length of kPlaceWeights in that unit, or a weight per length.
+constexpr float length_of(double metres) {
+  return static_cast<float>(metres / kMillimetre);
+}
+constexpr float weight_of(double per_metre) {
+  return static_cast<float>(per_metre * kMillimetre);
+}
+
+constexpr float kSkip = weight_of(kPlaceWeights.skip), kBack = weight_of(kPlaceWeights.back);
+constexpr float kDistance = weight_of(kPlaceWeights.distance), kHeading = weight_of(kPlaceWeights.heading);
+constexpr float kSigma = length_of(kPlaceWeights.sigma), kForget = length_of(kPlaceWeights.lambda);
+constexpr auto kCap = static_cast<float>(kPlaceWeights.cap), kBehind = static_cast<float>(kPlaceWeights.cap_behind);
 constexpr float kFarthest = 1e8F;  // bounds a squared distance, so that sums of costs stay finite
-constexpr double kChord = 6, kLeastChord = 2, kFollow = 3, kWindow = 12;
+constexpr double kChord = length_of(kPlaceWeights.chord), kLeastChord = length_of(kPlaceWeights.least_chord);
+constexpr double kFollow = kPlaceWeights.advance, kWindow = 12;
 
 double unit_of(const Polyline& curve) {
   Box box;

@@ -1,5 +1,7 @@
 #include "control/path/place_evidence.h"
 
+#include "control/path/place_weights.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -10,18 +12,16 @@
 namespace haptrace {
 namespace {
 
-// Lengths and weights are those of a path with a diagonal of kDiagonal.
-constexpr double kDiagonal = 0.11;                       // [m]
+// Lengths and weights are those of a path with a diagonal of kDiagonal; see PlaceWeights.
+constexpr double kDiagonal = kPlaceWeights.diagonal;
+constexpr double kSigma = kPlaceWeights.sigma, kLambda = kPlaceWeights.lambda;
+constexpr double kWeightDistance = kPlaceWeights.distance, kWeightHeading = kPlaceWeights.heading;
+constexpr double kWeightSkip = kPlaceWeights.skip, kWeightBack = kPlaceWeights.back;
+constexpr auto kCap = static_cast<float>(kPlaceWeights.cap), kCapBehind = static_cast<float>(kPlaceWeights.cap_behind);
+constexpr double kChord = kPlaceWeights.chord, kShortestChord = kPlaceWeights.least_chord;
+constexpr double kAdvance = kPlaceWeights.advance;
 constexpr double kStateSpacing = 1e-3;                   // h; 2 mm lets a hand with strong tremor run ahead [m]
 constexpr double kUpdateStep = 1e-3;                     // least movement of an update [m]
-constexpr double kSigma = 4e-3;                          // [m]
-constexpr double kLambda = 0.03;                         // [m]
-constexpr double kWeightDistance = 50;                   // w_d [1/m]
-constexpr double kWeightHeading = 150;                   // w_h [1/m]
-constexpr double kWeightSkip = 50, kWeightBack = 200;    // w_skip, w_back [1/m]
-constexpr float kCap = 6, kCapBehind = 0.3F;             // cost of a restart, and of one behind the best
-constexpr double kChord = 6e-3, kShortestChord = 2e-3;   // [m]
-constexpr double kAdvance = 3;                           // free movement ahead, relative to that of the hand
 constexpr double kLeastNet = 0.15;                       // least q
 constexpr double kTremorCutoff = 3;                      // of the low-passed hand [Hz]
 constexpr double kLeastFactor = 0.02, kMostFactor = 20;  // factor on lengths
