@@ -35,6 +35,16 @@ constexpr std::size_t kSearched = 64;                    // states searched per 
 constexpr double kFound = 2;                             // the search ends at a mismatch below this
 constexpr std::size_t kLocal = 6;                        // a rival is the best within so many states
 
+/// A total cost in units of kKeyUnit, above the bits of A: keys are compared and added as whole numbers, without
+/// branches that no processor could predict, and the smaller one brings its A along.
+using Key = std::uint64_t;
+constexpr float kKeyUnit = 1.0F / (1 << 20), kLargestInKey = 2000;
+
+Key key_of(float total, float forgotten) noexcept {
+  const auto cost = static_cast<std::int32_t>(std::min(total, kLargestInKey) / kKeyUnit);
+  return Key{static_cast<std::uint32_t>(cost)} << 32U | std::bit_cast<std::uint32_t>(forgotten);
+}
+
 double diagonal_of(const ArcPath& path) {
   Vec3 least = path.position_at(0), most = least;
   for (std::size_t i = 0; i < path.knots(); ++i) {
@@ -68,7 +78,8 @@ PlaceEvidence::PlaceEvidence(const ArcPath& path, double resolution)
     tz_[j] = static_cast<float>(unit.z());
   }
   const std::size_t weighed = n > kAllStates ? kWindowStates : n;
-  for (auto* column : {&total_, &kept_, &forgotten_, &total_next_, &forgotten_next_}) column->resize(weighed);
+  for (auto* column : {&total_, &kept_, &forgotten_}) column->resize(weighed);
+  key_.resize(weighed);
   start(0, origin_);
 }
 
@@ -127,39 +138,27 @@ bool PlaceEvidence::update(const Vec3& position, double dt) noexcept {
 }
 
 void PlaceEvidence::advance(std::size_t reach) noexcept {
+  const std::size_t n = key_.size();
+  for (std::size_t j = 0; j < n; ++j) key_[j] = key_of(total_[j], forgotten_[j]);
   // The least of the states up to `reach` behind: by doubling the width of the window.
-  const std::size_t n = total_.size();
   for (std::size_t width = 0; width < std::min(reach, n - 1);) {
-    const std::size_t by = std::min({width + 1, reach - width, n});
-    std::copy_n(total_.begin(), by, total_next_.begin());
-    std::copy_n(forgotten_.begin(), by, forgotten_next_.begin());
-    for (std::size_t j = by; j < n; ++j) {
-      const bool better = total_[j - by] < total_[j];
-      total_next_[j] = better ? total_[j - by] : total_[j];
-      forgotten_next_[j] = better ? forgotten_[j - by] : forgotten_[j];
-    }
-    total_.swap(total_next_);
-    forgotten_.swap(forgotten_next_);
+    const std::size_t by = std::min({width + 1, reach - width, n - 1});
+    for (std::size_t j = n; j-- > by;) key_[j] = std::min(key_[j], key_[j - by]);
     width += by;
   }
 }
 
 void PlaceEvidence::sweep() noexcept {
-  const std::size_t n = total_.size();
-  const auto skip = static_cast<float>(kWeightSkip * spacing_ / scale_);
-  const auto back = static_cast<float>(kWeightBack * spacing_ / scale_);
-  // Without branches, which no processor could predict: A is chosen as an integer.
-  float least = total_[0];
-  auto of_least = std::bit_cast<std::uint32_t>(forgotten_[0]);
-  const auto pass = [&](std::size_t j, float cost) {
-    least += cost;
-    of_least = least < total_[j] ? of_least : std::bit_cast<std::uint32_t>(forgotten_[j]);
-    least = std::min(least, total_[j]);
-    total_[j] = least;
-    forgotten_[j] = std::bit_cast<float>(of_least);
-  };
-  for (std::size_t j = 1; j < n; ++j) pass(j, skip);
-  for (std::size_t j = n - 1; j-- > 0;) pass(j, back);
+  const std::size_t n = key_.size();
+  const Key skip = key_of(static_cast<float>(kWeightSkip * spacing_ / scale_), 0);
+  const Key back = key_of(static_cast<float>(kWeightBack * spacing_ / scale_), 0);
+  Key least = key_[0];
+  for (std::size_t j = 1; j < n; ++j) key_[j] = least = std::min(least + skip, key_[j]);
+  for (std::size_t j = n - 1; j-- > 0;) key_[j] = least = std::min(least + back, key_[j]);
+  for (std::size_t j = 0; j < n; ++j) {
+    total_[j] = kKeyUnit * static_cast<float>(static_cast<std::int32_t>(key_[j] >> 32U));
+    forgotten_[j] = std::bit_cast<float>(static_cast<std::uint32_t>(key_[j]));
+  }
 }
 
 void PlaceEvidence::observe(const Vec3& position, double step) noexcept {
@@ -174,7 +173,8 @@ void PlaceEvidence::observe(const Vec3& position, double step) noexcept {
   const std::size_t n = total_.size();
   const float *x = x_.data() + first_, *y = y_.data() + first_, *z = z_.data() + first_;
   const float *tx = tx_.data() + first_, *ty = ty_.data() + first_, *tz = tz_.data() + first_;
-  float *total = total_.data(), *kept = kept_.data(), *forgotten = forgotten_.data();
+  // The columns do not overlap.
+  float* __restrict total = total_.data(), * __restrict kept = kept_.data(), * __restrict forgotten = forgotten_.data();
   const auto weigh = [&](std::size_t from, std::size_t to, float restart) {
     for (std::size_t j = from; j < to; ++j) {
       const bool anew = restart < total[j];

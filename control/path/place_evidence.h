@@ -106,9 +106,9 @@ class PlaceEvidence {
   std::vector<float> x_, y_, z_, radius_;        ///< of every state, from the origin [m]
   std::vector<float> tx_, ty_, tz_;              ///< chord of the path over the last 6 mm before each state
   std::vector<float> total_, kept_, forgotten_;  ///< M, B and A of the states in the window
-  std::vector<float> total_next_, forgotten_next_;
-  std::size_t first_ = 0;  ///< first state of the window
-  std::size_t best_ = 0;   ///< index of the best in the window
+  std::vector<std::uint64_t> key_;               ///< scratch
+  std::size_t first_ = 0;                        ///< first state of the window
+  std::size_t best_ = 0;                         ///< index of the best in the window
 
   std::array<Seen, 64> seen_;
   std::size_t newest_ = 0, seen_count_ = 0;
