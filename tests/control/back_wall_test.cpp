@@ -1,6 +1,7 @@
 // Tests of the back wall with hands along a line.
 #include "control/back_wall.h"
 
+#include "control/path/place_tracker.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 
@@ -55,14 +56,14 @@ struct Tick {
 class Course {
  public:
   explicit Course(const BackWallOptions& options = {}, bool allow_back = false)
-      : path_(line()), projection_(*path_, {.allow_back = allow_back}) {
+      : path_(line()), tracker_(*path_, {.allow_back = allow_back}) {
     GuideTerms terms;
     terms.push_back(std::make_unique<TunnelWall>(TunnelWall::Options{}));
     auto wall = std::make_unique<BackWall>(path_, options);
     wall_ = wall.get();
     terms.push_back(std::move(wall));
     guidance_.emplace(std::move(terms), Guidance::Options{.energy = 0.05, .delay = 0});
-    projection_.start();
+    tracker_.start();
     guidance_->begin();
     wall_->begin();
   }
@@ -75,7 +76,7 @@ class Course {
     state.force_applied = Vec3(force_, 0, 0);
     state.dt = kTick;
     before_ = hand;
-    const auto& foot = projection_.update(state.position, kTick);
+    const auto& foot = tracker_.update(state.position, kTick);
     wall_->update(foot, state.position, kTick);
     force_ = guidance_->update(state, foot, false).x();
     wall_->acted(guidance_->tank().share());
@@ -112,7 +113,7 @@ class Course {
 
  private:
   std::shared_ptr<const ArcPath> path_;
-  PathProjection projection_;
+  PlaceTracker tracker_;
   std::optional<Guidance> guidance_;
   BackWall* wall_ = nullptr;
   double before_ = 0, force_ = 0, time_ = 0;
