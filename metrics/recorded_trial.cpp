@@ -283,11 +283,11 @@ namespace {
 
 /// Returns the share of the time in the tunnel in which the device helped along the path; nothing without such time.
 std::optional<double> helped_share(const RecordedTrial& trial, const Polyline& curve, const std::vector<double>& arc) {
-  if (trial.force.empty() || trial.reference.empty() || trial.radius.empty()) return std::nullopt;
+  if (trial.force.empty() || trial.radius.empty()) return std::nullopt;
   constexpr double kFading = 0.5, kHelp = 0.1, kChord = 1e-3;  // [s], [N], [m]
   double helped = 0, known = 0;
   for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
-    const double distance = (trial.position[i] - trial.reference[i]).norm();
+    const double distance = (trial.position[i] - curve.at(arc[i])).norm();
     if (trial.time[i] - trial.time.front() < kFading || !(distance <= trial.radius[i]) || !std::isfinite(arc[i]))
       continue;
     Vec3 force = trial.force[i];

@@ -674,8 +674,10 @@ class ServoLoop::Session {
     sample.reference_orientation = command.reference_orientation;
     sample.progress = command.progress;
     sample.tunnel_radius = command.tunnel_radius;
-    sample.kp = share_ * command.kp;
-    sample.kd = share_ * command.kd;
+    // A force that fades after a fault, or that ended, does not respond to the position.
+    const double feedback = mode_ == Mode::fading || ended_ ? 0 : share_;
+    sample.kp = feedback * command.kp;
+    sample.kd = feedback * command.kd;
     sample.buttons = state.buttons;
     sample.phase = ended_ && report_.stopped_by_fault() ? Phase::stopped : command.phase;
     sample.latency = 1e-9F * static_cast<float>(latency_ns);

@@ -198,6 +198,10 @@ def add_path(out, t, x, force, samples):
         return covered
     inside = distance[:-1] <= samples["tunnel_radius"][:-1]
     out["time_in_tunnel"] = (np.diff(t) * inside).sum() / np.diff(t).sum()
+    counted = inside & (t[:-1] - t[0] >= 0.5)
+    chord = curve.at(arc + 1e-3) - curve.at(arc - 1e-3)
+    push = ((force - samples["reference_force"]) * chord).sum(axis=1) / norms(chord)
+    out["helped_time"] = (np.diff(t) * (counted & (push[:-1] > 0.1))).sum() / (np.diff(t) * counted).sum()
     expert = samples["reference_force"][rows]
     at = np.r_[0, np.cumsum(norms(np.diff(reference[rows], axis=0)))]
     difference = by_arc_length(arc, force, curve.length) - by_arc_length(at, expert, curve.length)
