@@ -281,6 +281,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   require(verb, "--device");
   arguments.radius_given = verb.get_option("--radius")->count() > 0;
   GuideOptions options = options_of(arguments);
+  options.force_expected = verb.get_option("--force-scale")->count() > 0 || !arguments.expert_force.empty();
   std::vector<std::string> inputs = arguments.spread;
   inputs.push_back(arguments.expert);
   keep_inputs(arguments.record, inputs);

@@ -14,11 +14,13 @@
 
 namespace haptrace {
 
+inline constexpr std::size_t kMostComponents = 6;  ///< of a column
+
 /// A column of the layout as texts contain it.
 struct TextColumn {
   const layout::Column* column = nullptr;
-  std::array<std::string_view, 6> names;  ///< names of the components in a CSV header
-  std::size_t first = 0;                  ///< cell of the first component
+  std::array<std::string_view, kMostComponents> names;  ///< names of the components in a CSV header
+  std::size_t first = 0;                                ///< cell of the first component
 
   [[nodiscard]] std::size_t width() const { return column->width; }
 };

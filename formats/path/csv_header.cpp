@@ -219,8 +219,9 @@ class Assigner {
   /// Takes the first complete group of names, of the most certain rank.
   void take_vector(const TextColumn& column) {
     struct Group {
+      Group() { fields.fill(Assignment::kNone); }
       std::size_t first = 0;
-      std::array<std::size_t, 4> fields{Assignment::kNone, Assignment::kNone, Assignment::kNone, Assignment::kNone};
+      std::array<std::size_t, kMostComponents> fields;
       std::optional<std::array<std::size_t, 3>> twice = std::nullopt;  // cell, fields
     };
     for (std::size_t i = 0; i < column.width(); ++i)

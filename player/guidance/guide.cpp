@@ -299,8 +299,9 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
     plan.notes.push_back(
         fmt::format("{} contains no forces: the trainee feels only the walls", played.source->facts().name));
   if (options.force_scale > 0 && plan.has_forces && !options.free && has_no_force(*plan.path))
-    plan.warnings.push_back(
-        fmt::format("{}: all forces are zero; the trainee feels only the walls", played.source->facts().name));
+    (options.force_expected || played.source->facts().measured ? plan.warnings : plan.notes)
+        .push_back(
+            fmt::format("{}: all forces are zero; the trainee feels only the walls", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
   if (!options.identified && !options.expert)
     plan.notes.push_back(fmt::format(

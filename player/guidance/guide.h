@@ -45,6 +45,7 @@ struct GuideOptions {
   double onset = 1e-3;              ///< depth over which the stiffness rises [m]
   double damping = 3;               ///< damping of outward movement in the wall [N s/m]
   double force_scale = 1;           ///< scale of the expert's forces; 0: none
+  bool force_expected = true;       ///< forces that are all zero cause a warning, not only a note
   Feel feel = Feel::active;
   std::optional<PaceHelpOptions> pace;
   /// Helps a trainee who does not start. Its force stays within the device's continuous force. Not with a cursor.
