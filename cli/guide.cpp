@@ -270,7 +270,7 @@ ExpertRecording open_with_force(const Arguments& arguments, const InputFile& inp
   ExpertOptions options = arguments.expert_options;
   if (!arguments.expert_force.empty()) options.force = parse_replayed_force(arguments.expert_force);
   std::optional<DeviceProfile> known;
-  if (!arguments.profile.file.empty()) known = load_profile(arguments.profile.file);
+  if (!arguments.profile.file.empty() && !arguments.profile.none) known = load_profile(arguments.profile.file);
   ReadProgress progress(output, input.csv().name);
   return open_expert(input.path(), options, arguments.along.selection, progress.callback(), input.csv(), known);
 }
