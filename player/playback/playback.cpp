@@ -496,9 +496,9 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
     sinks.push_back(live);
     session_options.also_warn([live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
-  SessionResult session =
-      run_session(device, controller, {.reference = true, .reference_orientation = plan.turn.has_value(), .gains = true}, sinks,
-                  session_options, stop, progress);
+  SessionResult session = run_session(
+      device, controller, {.reference = true, .reference_orientation = plan.turn.has_value(), .gains = true}, sinks,
+      session_options, stop, progress);
   if (session.servo.cause == StopCause::no_path) session.servo.detail += ": " + controller.path().error();
   PlayResult result{.session = std::move(session),
                     .plan = plan,
