@@ -49,7 +49,7 @@ std::function<double(double)> after(double start) {
 
 /// One tick of a course.
 struct Tick {
-  double time, hand, wall, force;
+  double time, hand, wall, force, place;
 };
 
 /// A course of a hand along the line with a back wall in guidance, as GuidanceController runs it.
@@ -80,7 +80,7 @@ class Course {
     wall_->update(foot, state.position, kTick);
     force_ = guidance_->update(state, foot, false).x();
     wall_->acted(guidance_->tank().share());
-    ticks.push_back({time_ += kTick, hand, wall_->place(), force_});
+    ticks.push_back({time_ += kTick, hand, wall_->place(), force_, foot.s});
     return force_;
   }
 
@@ -184,9 +184,8 @@ TEST(BackWall, StaysNearAHandThatGoesBackAndGivesNoEnergyWithoutEnd) {
   ASSERT_GT(half, 0.04);
   course.lead([&](double t) { return half - 0.015 * (1 - std::cos(2 * std::numbers::pi * t)); }, 10);
   const BackWallOptions options;
-  constexpr double kLate = 10e-3;  // by which the place may follow a hand that turns round [m]
   for (const Tick& tick : course.ticks)
-    ASSERT_LE(tick.wall, tick.hand + options.max_force / options.stiffness + kLate) << tick.time;
+    ASSERT_LE(tick.wall, tick.place + options.max_force / options.stiffness + 1e-9) << tick.time;
   EXPECT_LE(course.guidance().given(), course.guidance().budget() + 1e-6);
 }
 
