@@ -37,7 +37,7 @@ Box space_of(const Scene& scene);
 SceneReport report_scene(Scene& scene, double rate_hz);
 
 nlohmann::json to_json(const SceneReport& report);
-/// Returns the report for a terminal. Of more than 40 objects it lists those that cost most.
+/// Returns the report for a terminal. If there are more than 40 objects, it lists the 40 that cost most.
 std::string text_of(const SceneReport& report);
 
 }  // namespace haptrace

@@ -17,7 +17,7 @@ inline constexpr double kExpertForceCutoff = 15;
 /// Longest gap between two samples across which a movement can be differentiated [s].
 inline constexpr double kLongestForceGap = 0.1;
 
-/// What is subtracted from a force that was measured at the handle.
+/// Force of the device that is subtracted from a force measured at the handle.
 struct HandleForce {
   PlantModel plant;                   ///< of the expert's device; zero: nothing is subtracted
   std::optional<InertiaMap> inertia;  ///< factors on its mass
@@ -39,7 +39,7 @@ struct HandleForce {
 /// path if it has no force or too long a gap.
 std::shared_ptr<const PathSource> task_force(std::shared_ptr<const PathSource> path, const HandleForce& handle);
 
-/// What the forces of a recording tell about its sensor and the expert's task.
+/// Findings about the sensor of a recording and the expert's task.
 struct ForceSurvey {
   double path_length = 0, displacement = 0;  ///< of the rows in which the device sent no force [m]
   double work = 0;                           ///< of the measured force on the hand in those rows [J]

@@ -25,7 +25,7 @@ std::shared_ptr<const PathSource> open_path(const std::string& file, const PathS
 /// Reads a whole path into memory. Throws like open_path and PathSource::read.
 Path load_path(const std::string& file, const CsvOptions& csv = {});
 
-/// What an average of several recordings adds to its path. Only a recording (`.h5`) can hold it.
+/// Columns and metadata that an average of several recordings adds to its path. Only a recording (`.h5`) can hold it.
 struct AverageColumns {
   std::vector<double> radius;       ///< 95 % radius of the copies at each row [m]
   std::string copies;               ///< their names, for users
