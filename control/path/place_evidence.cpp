@@ -35,14 +35,88 @@ constexpr std::size_t kSearched = 64;                    // states searched per 
 constexpr double kFound = 2;                             // the search ends at a mismatch below this
 constexpr std::size_t kLocal = 6;                        // a rival is the best within so many states
 
-/// A total cost in units of kKeyUnit, above the bits of A: keys are compared and added as whole numbers, without
-/// branches that no processor could predict, and the smaller one brings its A along.
+/// A total cost in whole units above the bits of A. Both are compared and added at once, as a whole number, without a
+/// branch that no processor could predict: the smaller cost brings its A along.
 using Key = std::uint64_t;
-constexpr float kKeyUnit = 1.0F / (1 << 20), kLargestInKey = 2000;
+constexpr float kCostUnit = 1.0F / (1 << 20), kMostCost = 2000;
 
-Key key_of(float total, float forgotten) noexcept {
-  const auto cost = static_cast<std::int32_t>(std::min(total, kLargestInKey) / kKeyUnit);
-  return Key{static_cast<std::uint32_t>(cost)} << 32U | std::bit_cast<std::uint32_t>(forgotten);
+std::int32_t units_of(float cost) noexcept {
+  return static_cast<std::int32_t>((cost < kMostCost ? cost : kMostCost) * (1 / kCostUnit));
+}
+constexpr Key key_of(std::int32_t units, std::uint32_t bits) noexcept {
+  return Key{static_cast<std::uint32_t>(units)} << 32U | bits;
+}
+
+// The loops over all states stand by themselves, with columns that do not overlap: the compiler makes vector
+// instructions of them.
+
+/// Sets every state to the cheaper of itself and the state `by` before it.
+void take_from_behind(const std::int32_t* __restrict cost, const float* __restrict a, std::size_t n, std::size_t by,
+                      std::int32_t* __restrict least_cost, float* __restrict of_least) noexcept {
+  std::copy_n(cost, by, least_cost);
+  std::copy_n(a, by, of_least);
+  for (std::size_t j = by; j < n; ++j) {
+    // All are read, whichever is taken: a read that depends on a comparison would be a branch.
+    const std::int32_t behind = cost[j - by], here = cost[j];
+    const float a_behind = a[j - by], a_here = a[j];
+    least_cost[j] = behind < here ? behind : here;
+    of_least[j] = behind < here ? a_behind : a_here;
+  }
+}
+
+void to_units(const float* __restrict total, std::size_t n, std::int32_t* __restrict cost) noexcept {
+  for (std::size_t j = 0; j < n; ++j) cost[j] = units_of(total[j]);
+}
+
+void to_keys(const std::int32_t* __restrict cost, const float* __restrict a, std::size_t n,
+             Key* __restrict key) noexcept {
+  for (std::size_t j = 0; j < n; ++j) key[j] = key_of(cost[j], std::bit_cast<std::uint32_t>(a[j]));
+}
+
+void from_keys(const Key* __restrict key, std::size_t n, float* __restrict total, float* __restrict a) noexcept {
+  for (std::size_t j = 0; j < n; ++j) {
+    total[j] = kCostUnit * static_cast<float>(static_cast<std::int32_t>(key[j] >> 32U));
+    a[j] = std::bit_cast<float>(static_cast<std::uint32_t>(key[j]));
+  }
+}
+
+/// Returns the index of the first of the least.
+std::size_t least_of(const std::vector<float>& values) noexcept {
+  constexpr std::size_t kLanes = 8;
+  std::array<float, kLanes> least;
+  least.fill(values[0]);
+  std::size_t j = 0;
+  for (; j + kLanes <= values.size(); j += kLanes)
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      least[lane] = values[j + lane] < least[lane] ? values[j + lane] : least[lane];
+  float all = *std::min_element(least.begin(), least.end());
+  for (; j < values.size(); ++j) all = std::min(all, values[j]);
+  return static_cast<std::size_t>(std::find(values.begin(), values.end(), all) - values.begin());
+}
+
+/// A movement of the hand, with which all states are compared.
+struct Evidence {
+  float px, py, pz, ux, uy, uz;                     ///< position and heading of the hand
+  float decay, of_distance, of_heading, sharpness;  ///< weights
+};
+
+/// Restarts a state that costs more than `restart`, and adds the evidence of a movement.
+void weigh(const Evidence evidence, float restart, float of_restart, std::size_t n, const float* __restrict x,
+           const float* __restrict y, const float* __restrict z, const float* __restrict tx, const float* __restrict ty,
+           const float* __restrict tz, float* __restrict total, float* __restrict kept,
+           float* __restrict forgotten) noexcept {
+  const auto [px, py, pz, ux, uy, uz, decay, of_distance, of_heading, sharpness] = evidence;
+  for (std::size_t j = 0; j < n; ++j) {
+    const bool anew = restart < total[j];
+    const float m = anew ? restart : total[j], a = anew ? of_restart : forgotten[j];
+    const float dx = x[j] - px, dy = y[j] - py, dz = z[j] - pz;
+    const float off = 1 - (ux * tx[j] + uy * ty[j] + uz * tz[j]);
+    const float b = m - a + of_heading * off;
+    const float next = a * decay + of_distance * (std::sqrt(1 + sharpness * (dx * dx + dy * dy + dz * dz)) - 1);
+    kept[j] = b;
+    forgotten[j] = next;
+    total[j] = b + next;
+  }
 }
 
 double diagonal_of(const ArcPath& path) {
@@ -79,6 +153,8 @@ PlaceEvidence::PlaceEvidence(const ArcPath& path, double resolution)
   }
   const std::size_t weighed = n > kAllStates ? kWindowStates : n;
   for (auto* column : {&total_, &kept_, &forgotten_}) column->resize(weighed);
+  for (auto& column : units_) column.resize(weighed);
+  for (auto& column : carried_) column.resize(weighed);
   key_.resize(weighed);
   start(0, origin_);
 }
@@ -138,61 +214,57 @@ bool PlaceEvidence::update(const Vec3& position, double dt) noexcept {
 }
 
 void PlaceEvidence::advance(std::size_t reach) noexcept {
-  const std::size_t n = key_.size();
-  for (std::size_t j = 0; j < n; ++j) key_[j] = key_of(total_[j], forgotten_[j]);
+  const std::size_t n = total_.size();
+  to_units(total_.data(), n, units_[0].data());
+  const float* a = forgotten_.data();
   // The least of the states up to `reach` behind: by doubling the width of the window.
   for (std::size_t width = 0; width < std::min(reach, n - 1);) {
     const std::size_t by = std::min({width + 1, reach - width, n - 1});
-    for (std::size_t j = n; j-- > by;) key_[j] = std::min(key_[j], key_[j - by]);
+    float* next = a == carried_[0].data() ? carried_[1].data() : carried_[0].data();
+    take_from_behind(units_[0].data(), a, n, by, units_[1].data(), next);
+    units_[0].swap(units_[1]);
+    a = next;
     width += by;
   }
+  to_keys(units_[0].data(), a, n, key_.data());
 }
 
 void PlaceEvidence::sweep() noexcept {
   const std::size_t n = key_.size();
-  const Key skip = key_of(static_cast<float>(kWeightSkip * spacing_ / scale_), 0);
-  const Key back = key_of(static_cast<float>(kWeightBack * spacing_ / scale_), 0);
-  Key least = key_[0];
-  for (std::size_t j = 1; j < n; ++j) key_[j] = least = std::min(least + skip, key_[j]);
-  for (std::size_t j = n - 1; j-- > 0;) key_[j] = least = std::min(least + back, key_[j]);
-  for (std::size_t j = 0; j < n; ++j) {
-    total_[j] = kKeyUnit * static_cast<float>(static_cast<std::int32_t>(key_[j] >> 32U));
-    forgotten_[j] = std::bit_cast<float>(static_cast<std::uint32_t>(key_[j]));
+  const Key skip = key_of(units_of(static_cast<float>(kWeightSkip * spacing_ / scale_)), 0);
+  const Key back = key_of(units_of(static_cast<float>(kWeightBack * spacing_ / scale_)), 0);
+  // Both sweeps at once, since each waits for its own last sum. They may meet: who skips and then goes back pays more.
+  Key from_behind = key_[0], from_ahead = key_[n - 1];
+  for (std::size_t j = 1; j < n; ++j) {
+    key_[j] = from_behind = std::min(from_behind + skip, key_[j]);
+    key_[n - 1 - j] = from_ahead = std::min(from_ahead + back, key_[n - 1 - j]);
   }
+  from_keys(key_.data(), n, total_.data(), forgotten_.data());
 }
 
 void PlaceEvidence::observe(const Vec3& position, double step) noexcept {
-  const auto best = static_cast<std::size_t>(std::min_element(total_.begin(), total_.end()) - total_.begin());
-  const float least = total_[best], of_least = forgotten_[best];
-  const Eigen::Vector3f hand = (position - origin_).cast<float>(), heading = chord().cast<float>();
-  const float px = hand.x(), py = hand.y(), pz = hand.z(), ux = heading.x(), uy = heading.y(), uz = heading.z();
-  const auto decay = static_cast<float>(std::exp(-step / (scale_ * kLambda)));
-  const auto of_distance = static_cast<float>(kWeightDistance * step / scale_);
-  const float of_heading = heading.isZero(0) ? 0 : static_cast<float>(kWeightHeading * step / scale_);
-  const auto sharpness = static_cast<float>(1 / (scale_ * kSigma * scale_ * kSigma));
+  // Advancing and sweeping make no state cheaper than the best was, and that costs as much as before.
   const std::size_t n = total_.size();
-  const float *x = x_.data() + first_, *y = y_.data() + first_, *z = z_.data() + first_;
-  const float *tx = tx_.data() + first_, *ty = ty_.data() + first_, *tz = tz_.data() + first_;
-  // The columns do not overlap.
-  float* __restrict total = total_.data(), * __restrict kept = kept_.data(), * __restrict forgotten = forgotten_.data();
-  const auto weigh = [&](std::size_t from, std::size_t to, float restart) {
-    for (std::size_t j = from; j < to; ++j) {
-      const bool anew = restart < total[j];
-      const float m = anew ? restart : total[j], a = anew ? of_least : forgotten[j];
-      const float dx = x[j] - px, dy = y[j] - py, dz = z[j] - pz;
-      const float distance2 = dx * dx + dy * dy + dz * dz;
-      const float off = 1 - (ux * tx[j] + uy * ty[j] + uz * tz[j]);
-      kept[j] = m - a + of_heading * off;
-      forgotten[j] = a * decay + of_distance * (std::sqrt(1 + sharpness * distance2) - 1);
-      total[j] = kept[j] + forgotten[j];
-    }
+  const float least = total_[best_], of_least = forgotten_[best_];
+  const Eigen::Vector3f hand = (position - origin_).cast<float>(), heading = chord().cast<float>();
+  Evidence evidence{};
+  evidence.px = hand.x(), evidence.py = hand.y(), evidence.pz = hand.z();
+  evidence.ux = heading.x(), evidence.uy = heading.y(), evidence.uz = heading.z();
+  evidence.decay = static_cast<float>(std::exp(-step / (scale_ * kLambda)));
+  evidence.of_distance = static_cast<float>(kWeightDistance * step / scale_);
+  evidence.of_heading = heading.isZero(0) ? 0 : static_cast<float>(kWeightHeading * step / scale_);
+  evidence.sharpness = static_cast<float>(1 / (scale_ * kSigma * scale_ * kSigma));
+  const auto weigh_from = [&](std::size_t i, std::size_t count, float restart) {
+    const std::size_t j = first_ + i;
+    weigh(evidence, restart, of_least, count, &x_[j], &y_[j], &z_[j], &tx_[j], &ty_[j], &tz_[j], &total_[i], &kept_[i],
+          &forgotten_[i]);
   };
-  weigh(0, best, least + kCap + kCapBehind);
-  weigh(best, n, least + kCap);
+  weigh_from(0, best_, least + kCap + kCapBehind);
+  weigh_from(best_, n - best_, least + kCap);
 }
 
 void PlaceEvidence::conclude() noexcept {
-  best_ = static_cast<std::size_t>(std::min_element(total_.begin(), total_.end()) - total_.begin());
+  best_ = least_of(total_);
   const float least = total_[best_];
   for (float& cost : kept_) cost -= least;
   for (float& cost : total_) cost -= least;

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -103,12 +104,14 @@ class PlaceEvidence {
 
   double scale_ = 1, spacing_ = 0, step_ = 0;
   Vec3 origin_ = Vec3::Zero();
-  std::vector<float> x_, y_, z_, radius_;        ///< of every state, from the origin [m]
-  std::vector<float> tx_, ty_, tz_;              ///< chord of the path over the last 6 mm before each state
-  std::vector<float> total_, kept_, forgotten_;  ///< M, B and A of the states in the window
-  std::vector<std::uint64_t> key_;               ///< scratch
-  std::size_t first_ = 0;                        ///< first state of the window
-  std::size_t best_ = 0;                         ///< index of the best in the window
+  std::vector<float> x_, y_, z_, radius_;           ///< of every state, from the origin [m]
+  std::vector<float> tx_, ty_, tz_;                 ///< chord of the path over the last 6 mm before each state
+  std::vector<float> total_, kept_, forgotten_;     ///< M, B and A of the states in the window
+  std::array<std::vector<std::int32_t>, 2> units_;  ///< scratch, as are the next two
+  std::array<std::vector<float>, 2> carried_;
+  std::vector<std::uint64_t> key_;
+  std::size_t first_ = 0;  ///< first state of the window
+  std::size_t best_ = 0;   ///< index of the best in the window
 
   std::array<Seen, 64> seen_;
   std::size_t newest_ = 0, seen_count_ = 0;
