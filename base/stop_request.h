@@ -6,7 +6,7 @@
 
 namespace haptrace {
 
-/// What asked for a stop.
+/// The cause of a request to stop.
 enum class StopSource : std::uint8_t {
   user,       ///< a signal, a key, or the program itself
   page,       ///< a page of the live view

@@ -1,5 +1,6 @@
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/stopwatch.h"
 #include "cli/live_page.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
@@ -11,7 +12,6 @@
 #include "player/programme/programme_session.h"
 #include "player/programme/training_screen.h"
 
-#include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -326,7 +326,7 @@ class ProgrammeScreen {
 
   void show() {
     progress_.paused = commands_.paused();
-    progress_.elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
+    progress_.elapsed = watch_.seconds();
     page_.programme(programme_message(programme_, shown_, progress_));
   }
 
@@ -341,7 +341,7 @@ class ProgrammeScreen {
   LivePage& page_;
   const Output& output_;
   const bool live_ = !output_.quiet && isatty(STDERR_FILENO) != 0;
-  const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+  const Stopwatch watch_;
   ProgrammeProgress progress_;
   double expected_ = 0;
 };

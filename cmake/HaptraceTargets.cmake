@@ -72,12 +72,16 @@ target_link_libraries(haptrace_precompiled PRIVATE Eigen3::Eigen fmt::fmt nlohma
   haptrace_build_flags haptrace_hardening)
 target_precompile_headers(haptrace_precompiled PRIVATE ${HAPTRACE_PRECOMPILED} <fmt/format.h>)
 
-# haptrace_library(<folder> SOURCES <file>... [PUBLIC <target>...] [PRIVATE <target>...])
+# haptrace_library(<folder> SOURCES <file>... [ALONE <file>...] [PUBLIC <target>...] [PRIVATE <target>...])
+# With HAPTRACE_UNITY, eight sources are compiled as one; ALONE names those of `SOURCES` that give a private name to
+# something else than another source does.
 function(haptrace_library folder)
-  cmake_parse_arguments(ARG "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "SOURCES;ALONE;PUBLIC;PRIVATE" ${ARGN})
   add_library(haptrace_${folder} STATIC ${ARG_SOURCES})
   add_library(haptrace::${folder} ALIAS haptrace_${folder})
-  set_target_properties(haptrace_${folder} PROPERTIES EXPORT_NAME ${folder})
+  set_target_properties(haptrace_${folder} PROPERTIES EXPORT_NAME ${folder} UNITY_BUILD ${HAPTRACE_UNITY}
+    UNITY_BUILD_BATCH_SIZE 8)
+  set_source_files_properties(${ARG_ALONE} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   # In the tree and installed, a header is included by the same words: "control/path/path.h".
   target_include_directories(haptrace_${folder} PUBLIC
     $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/haptrace>)
@@ -104,7 +108,7 @@ function(haptrace_test name)
   target_link_libraries(test_${name} PRIVATE ${ARG_LIBS} haptrace_test_main haptrace_build_flags)
   target_include_directories(test_${name} PRIVATE ${PROJECT_SOURCE_DIR})
   # Sixteen sources at a time take two thirds less to compile: most of it is gtest's and gmock's headers. Names in the
-  # unnamed namespaces of a folder of tests therefore differ. Libraries compile source by source.
+  # unnamed namespaces of a folder of tests therefore differ.
   set_target_properties(test_${name} PROPERTIES UNITY_BUILD ${HAPTRACE_UNITY} UNITY_BUILD_BATCH_SIZE 16)
   # Replaces new and delete, which a compiler that sees them takes for a mistake.
   set_source_files_properties(${PROJECT_SOURCE_DIR}/tests/support/allocations.cpp

@@ -18,7 +18,7 @@ struct ForceTable {
   [[nodiscard]] Vec3 at(double time) const noexcept;
 };
 
-/// What a repetition did to the learned force, see IterativeLearning.
+/// The effect of a repetition on the learned force, see IterativeLearning.
 enum class LearningOutcome {
   learned,
   converged,  ///< the remaining error does not repeat; the table stays

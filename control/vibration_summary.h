@@ -1,4 +1,4 @@
-// What the protection from vibration saw and did in a session.
+// Summary of what the protection from vibration saw and did in a session.
 #pragma once
 
 #include "base/types.h"

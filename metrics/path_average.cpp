@@ -38,12 +38,6 @@ struct Shape {
   [[nodiscard]] double spacing() const noexcept { return length / static_cast<double>(size() - 1); }
 };
 
-double diagonal_of(const ArcPath& path) {
-  Box box;
-  for (std::size_t i = 0; i < path.knots(); ++i) box.include(path.position_at(path.knot_at(i)));
-  return box.size().norm();
-}
-
 /// Sets the tangents to the directions of chords of 2 `chord` [m], which noise hardly turns.
 void set_tangents(Shape& shape, double chord) {
   const auto reach = static_cast<std::size_t>(std::max(1.0, std::round(chord / shape.spacing())));
@@ -433,7 +427,7 @@ double prediction_factor(std::size_t copies) {
 
 void require_same_movement(const PathCopy& reference, std::span<const PathCopy> copies) {
   require_length(reference);
-  const double diagonal = diagonal_of(*reference.path), chord = kChord * diagonal;
+  const double diagonal = reference.path->diagonal(), chord = kChord * diagonal;
   std::vector<Shape> shapes;
   for (const PathCopy& copy : copies) {
     require_length(copy);
@@ -451,9 +445,9 @@ AveragedPath average_paths(std::span<const PathCopy> copies) {
   for (const PathCopy& copy : copies) {
     require_length(copy);
     lengths.push_back(copy.path->length());
-    diagonals.push_back(diagonal_of(*copy.path));
+    diagonals.push_back(copy.path->diagonal());
   }
-  // Of two copies, neither is the norm: each is compared with the other.
+  // With two copies, neither is the norm: each is compared with the other.
   const double length = median(lengths), diagonal = median(diagonals), chord = kChord * diagonal;
   if (length > kLongestPath * diagonal)
     throw input_error(

@@ -1,4 +1,4 @@
-// What a session asks of its recorder, and the status that the recorder reports.
+// Options of a session's recorder, and the status that it reports.
 #pragma once
 
 #include "formats/recording/storage.h"

@@ -12,7 +12,7 @@ namespace haptrace {
 /// Groups sessions by participant, and their exercises by path, mode and test label. Steered sessions have no course.
 std::vector<ReportPerson> persons_of(std::span<const ReportSession> sessions);
 
-/// What a change of a metric between two sessions says.
+/// How sure a change of a metric between two sessions is.
 struct ReportChange {
   enum class Verdict {
     undefined,     ///< one of the values is

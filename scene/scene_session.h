@@ -1,4 +1,4 @@
-// What a session asks of a scene, and what it reports of the contacts.
+// A session's options for a scene, and its report of the contacts.
 #pragma once
 
 #include <cstdint>

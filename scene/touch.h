@@ -12,7 +12,7 @@ struct Touch {
   Vec3 position = Vec3::Zero();  ///< position of the tool's tip, p_WT [m]
   Vec3 velocity = Vec3::Zero();  ///< in W [m/s]
   double dt = 0;                 ///< time since the last query [s]; 0 at the first query and after a reset
-  // Of the last query; a scene fills them in. NaN: there was none, so the tool may already be inside an object.
+  // From the last query; a scene fills them in. NaN: there was none, so the tool may already be inside an object.
   Vec3 last_position = nan3();  ///< [m]
   Vec3 last_velocity = nan3();  ///< [m/s]
 

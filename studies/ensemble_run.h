@@ -2,8 +2,8 @@
 #pragma once
 
 #include "base/parallel.h"
+#include "base/stopwatch.h"
 
-#include <chrono>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -23,7 +23,7 @@ template <class Member, class Run>
 std::vector<Member> run_draws(std::size_t draws, std::size_t threads, const StopRequest& stop, const Run& run,
                               const std::function<void(const EnsembleProgress&)>& progress) {
   std::vector<std::optional<Member>> finished(draws);
-  const auto began = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   run_parallel(
       draws, threads, stop,
       [&](std::size_t draw) {
@@ -33,8 +33,7 @@ std::vector<Member> run_draws(std::size_t draws, std::size_t threads, const Stop
       [&](std::size_t done) {
         if (!progress) return;
         EnsembleProgress told{done, draws};
-        const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
-        if (done > 0) told.remaining = elapsed / static_cast<double>(done) * static_cast<double>(draws - done);
+        if (done > 0) told.remaining = watch.seconds() / static_cast<double>(done) * static_cast<double>(draws - done);
         progress(told);
       });
   std::vector<Member> members;

@@ -2,10 +2,10 @@
 
 #include "base/json_reader.h"
 #include "base/statistics.h"
+#include "base/stopwatch.h"
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <numeric>
@@ -19,12 +19,6 @@ constexpr std::size_t kAllTicks = 1'000'000;      // of all runs: they take a se
 constexpr std::size_t kMostRows = 40;             // objects in the text
 constexpr double kPressed = 1e-3;                 // depth of the tool while a touch is timed [m]
 
-double cpu_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
 /// Returns the number of ticks of a run, so that a scene of many objects is reported in seconds.
 int ticks_of_a_run(std::size_t objects) {
   const std::size_t fair = kAllTicks / (kRuns * std::max<std::size_t>(objects, 1));
@@ -36,10 +30,10 @@ double tick_at(Scene& scene, const Vec3& place, const Vec3& across, double rate_
   const int ticks = ticks_of_a_run(scene.size());
   std::vector<double> runs;
   for (int run = 0; run < kRuns; ++run) {
-    const double begin = cpu_seconds();
+    const CpuStopwatch watch(CpuStopwatch::Of::thread);
     for (int i = 0; i < ticks; ++i)
       (void)scene.answer({place + 1e-5 * std::sin(0.3 * i) * across, Vec3::Zero(), 1 / rate_hz});
-    runs.push_back((cpu_seconds() - begin) / ticks);
+    runs.push_back(watch.seconds() / ticks);
   }
   return median(std::move(runs));
 }

@@ -1,4 +1,4 @@
-// What a scene contains and what it costs.
+// The contents of a scene and their costs.
 #pragma once
 
 #include "scene/scene.h"

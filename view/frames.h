@@ -57,7 +57,7 @@ Frame frame_of(const FollowedPath& path);
 /// Returns a frame of the mesh of an object of the scene.
 Frame frame_of(const TriangleMesh& mesh, std::uint32_t object);
 
-/// What a page says of the hand of its user.
+/// A page's message about the hand of its user.
 struct PageIntention {
   Vec3 position = Vec3::Zero();  ///< in W [m]
   double grip = 0;               ///< 0 lets go, 1 holds

@@ -44,7 +44,7 @@ std::vector<ShownObject> shown_objects(const RecordedScene& scene) {
     const nlohmann::json json = parse_json(scene.text, "the scene of the recording");
     return shown_objects(*read_scene(json, "the scene of the recording", files));
   } catch (const Error&) {
-    // What was touched is in the recording; only its picture is not.
+    // The touched object is in the recording; only its picture is not.
     std::vector<ShownObject> named;
     for (const std::string& name : scene.objects) named.push_back({name, "", {}});
     return named;

@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-// Of the protocol.
+// Limits of the protocol.
 constexpr std::size_t kMostVertices = 65'536, kMostTriangles = 131'072, kMostObjects = 256;
 constexpr double kTolerance = 1e-3;  // of a picture, as a share of the scene's size
 constexpr double kAlone = 0.2;  // size of the part of an infinite object that is drawn if nothing else is there [m]

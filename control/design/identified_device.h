@@ -1,4 +1,4 @@
-// What a calibration finds out about a device: models, and designs of laws for them.
+// The results of a calibration of a device: models, and designs of laws for them.
 #pragma once
 
 #include "base/stop_request.h"

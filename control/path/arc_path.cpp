@@ -1,6 +1,7 @@
 #include "control/path/arc_path.h"
 
 #include "base/error.h"
+#include "control/path/path.h"
 
 #include <algorithm>
 #include <cmath>
@@ -48,13 +49,14 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
     duration_ += elapsed;
     share = to;
   };
-  while (share < 1) {
+  // The end of the move tells whether there is another knot: the squares of a tiny move underflow, those of a distance
+  // from a knot do not matter then.
+  while ((position - position_.back()).norm() > spacing_) {
     // Solves for the point where the move leaves the sphere around the last knot: |from + u way - knot| = spacing.
     const Vec3 offset = from - position_.back();
     const double a = way.squaredNorm(), b = offset.dot(way), c = offset.squaredNorm() - spacing_ * spacing_;
-    const double leaves = a > 0 ? (-b + std::sqrt(std::max(b * b - a * c, 0.0))) / a : 2;
-    if (!(leaves <= 1)) break;
-    walk_to(std::max(leaves, share));
+    const double leaves = (-b + std::sqrt(std::max(b * b - a * c, 0.0))) / a;
+    walk_to(leaves > share ? std::min(leaves, 1.0) : share);
     position_.emplace_back(from + share * way);
     time_.push_back(last_time_ + share * duration);
     close_segment();
@@ -81,6 +83,9 @@ ArcPath ArcPath::Builder::finish(double radius) {
   path.spacing_ = spacing_;
   if (const std::size_t n = position_.size(); n > 1)
     path.length_ = spacing_ * static_cast<double>(n - 2) + (position_[n - 1] - position_[n - 2]).norm();
+  Box box;
+  for (const Vec3& p : position_) box.include(p);
+  path.diagonal_ = box.size().norm();
   path.position_ = std::move(position_);
   path.force_ = std::move(force_);
   path.time_ = std::move(time_);

@@ -59,7 +59,8 @@ class ArcPath {
   /// paths.
   static double spacing_for(double extent);
 
-  [[nodiscard]] double length() const noexcept { return length_; }  ///< [m]
+  [[nodiscard]] double length() const noexcept { return length_; }      ///< [m]
+  [[nodiscard]] double diagonal() const noexcept { return diagonal_; }  ///< of the box around all knots [m]
   [[nodiscard]] double spacing() const noexcept { return spacing_; }
   [[nodiscard]] std::size_t knots() const noexcept { return position_.size(); }
   /// Returns the time at which the expert was at arc length `s` [s], counted from the expert's start.
@@ -100,7 +101,7 @@ class ArcPath {
   [[nodiscard]] Where where(double s) const noexcept;
   [[nodiscard]] double segment_length(std::size_t i) const noexcept { return knot_at(i + 1) - knot_at(i); }
 
-  double spacing_ = 0, length_ = 0;
+  double spacing_ = 0, length_ = 0, diagonal_ = 0;
   std::vector<Vec3> position_;
   std::vector<Eigen::Vector3f> force_;  ///< mean over the time on each segment; a path without segments has one
   std::vector<double> time_;

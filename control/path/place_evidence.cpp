@@ -119,20 +119,10 @@ void weigh(const Evidence evidence, float restart, float of_restart, std::size_t
   }
 }
 
-double diagonal_of(const ArcPath& path) {
-  Vec3 least = path.position_at(0), most = least;
-  for (std::size_t i = 0; i < path.knots(); ++i) {
-    const Vec3 p = path.position_at(path.knot_at(i));
-    least = least.cwiseMin(p);
-    most = most.cwiseMax(p);
-  }
-  return (most - least).norm();
-}
-
 }  // namespace
 
 PlaceEvidence::PlaceEvidence(const ArcPath& path, double resolution)
-    : scale_(std::clamp(diagonal_of(path) / kDiagonal, kLeastFactor, kMostFactor)), origin_(path.position_at(0)) {
+    : scale_(std::clamp(path.diagonal() / kDiagonal, kLeastFactor, kMostFactor)), origin_(path.position_at(0)) {
   const double length = path.length(), wanted = scale_ * kStateSpacing;
   const auto intervals = static_cast<std::size_t>(std::ceil(length / wanted));
   spacing_ = intervals > 0 ? length / static_cast<double>(intervals) : wanted;

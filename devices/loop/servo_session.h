@@ -1,4 +1,4 @@
-// What a session asks of the servo loop, and what the loop reports of it.
+// A session's options for the servo loop, and the loop's report of it.
 #pragma once
 
 #include "base/histogram.h"

@@ -87,7 +87,7 @@ const char* to_string(ScreenPart part);
 /// Shares by ScreenPart; absent: the default.
 using ShownShares = std::array<std::optional<ShownShare>, kScreenParts>;
 
-/// What one repetition shows, by ScreenPart.
+/// The parts of the screen that one repetition shows, by ScreenPart.
 using ShownParts = std::array<bool, kScreenParts>;
 
 /// One exercise: repetitions of one path.

@@ -28,7 +28,7 @@ void check_size(const std::string& file, std::uint64_t columns, std::uint64_t ro
         fmt::format("{}: the image has {} x {} pixels; the most is {}", file, columns, rows, kMostPixels));
 }
 
-/// What libpng reports through longjmp.
+/// An error that libpng reports through longjmp.
 struct PngFailure {
   std::array<char, 200> text{};
 };

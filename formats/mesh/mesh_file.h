@@ -10,7 +10,7 @@ namespace haptrace {
 
 inline constexpr std::size_t kMostMeshTriangles = 20'000'000;
 
-/// What was found in the file of a mesh.
+/// The contents of a mesh's file.
 struct MeshReport {
   std::size_t vertices_in_file = 0, triangles_in_file = 0;
   std::size_t flat = 0;          ///< triangles without an area, left out

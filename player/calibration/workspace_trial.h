@@ -18,7 +18,7 @@ struct WorkspaceTour {
   SessionOptions session;       ///< without a recording
 };
 
-/// What a law did on a tour.
+/// The result of a law on a tour.
 struct TourResult {
   SessionResult session;
   std::vector<double> rms_error;  ///< measured rms error at each place [m]

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/output_file.h"
 #include "base/rfc3339.h"
+#include "base/stopwatch.h"
 #include "control/event_words.h"
 #include "control/norm.h"
 #include "control/path/min_jerk.h"
@@ -364,12 +365,12 @@ class ProgrammeRun {
 
   /// Sleeps for a moment and returns its duration [s].
   double idle(double seconds_left) {
-    const auto before = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     if (options_.rests) options_.rests(seconds_left);
     constexpr double kStep = 0.1;  // [s]
     std::this_thread::sleep_for(
         std::chrono::duration<double>(std::isnan(seconds_left) ? kStep : std::min(kStep, seconds_left)));
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
+    return watch.seconds();
   }
 
   /// Runs one repetition, logs it, and updates the progression.

@@ -207,7 +207,7 @@ nlohmann::json programme_message(const Programme& programme, const SessionLog& l
         {{"exercise", trial.exercise},
          {"repetition", trial.repetition},
          {"rms_m", json_of_number(figure_in(trial.figures, "contour_rms_m").value_or(kNaN))},
-         // What was felt; logs of older versions know only what was allowed.
+         // The help that was felt; logs of older versions know only what was allowed.
          {"help", exercise.mode == ExerciseMode::assisted
                       ? nlohmann::json(figure_in(trial.figures, "helped_time").value_or(trial.settings.assistance))
                       : nlohmann::json()},

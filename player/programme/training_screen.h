@@ -1,4 +1,4 @@
-// What a trainee and a therapist see of a session: states, words and scores, without any drawing.
+// A session as a trainee and a therapist see it: states, words and scores, without any drawing.
 #pragma once
 
 #include "formats/documents/session_log.h"

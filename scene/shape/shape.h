@@ -32,7 +32,7 @@ struct Proxy {
   bool touching = false;      ///< the surface holds the tool: depth > 0, or within the reach of a contact that lasts
   bool began_inside = false;  ///< this contact began without a crossing of the surface
 
-  /// What the shape itself remembers: the face, edge or parameters where the proxy is. Only the shape reads it.
+  /// The shape's own memory: the face, edge or parameters where the proxy is. Only the shape reads it.
   struct Memory {
     Vec3 place = nan3();
     std::array<double, 2> value{};

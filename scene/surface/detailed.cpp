@@ -125,7 +125,7 @@ class Detailed final : public Surface {
     const Vec3& normal = press.proxy.normal;
     const double speed = norm_of(press.velocity - press.velocity.dot(normal) * normal);
     const HeightSample sample = height.at(press.proxy.position, kPerWave * speed / rate_hz_);
-    // What varies: the depth by the height, and the direction by the slope.
+    // The height varies the depth, and the slope the direction.
     const double wave = height.wavelength(), along = 2 * std::numbers::pi / wave;
     const double normal_share = depth > 0 ? std::min(1.0, height.amplitude() / depth) : 1;
     vibration = std::hypot(normal_share, height.amplitude() * along) * std::min(1.0, speed / (wave * kSlowVibration));

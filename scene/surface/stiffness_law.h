@@ -7,7 +7,7 @@
 
 namespace haptrace {
 
-/// What a law says at one depth.
+/// A law's force and slope at one depth.
 struct Elastic {
   double force = 0;      ///< [N]
   double stiffness = 0;  ///< slope of the force [N/m]

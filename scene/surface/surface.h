@@ -22,7 +22,7 @@ struct Press {
   [[nodiscard]] Vec3 place() const noexcept { return proxy.position - step.radius * proxy.normal; }
 };
 
-/// What a surface remembers of a contact: the state of friction and adhesion. It belongs to the contact.
+/// A surface's memory of a contact: the state of friction and adhesion. It belongs to the contact.
 struct SurfaceMemory {
   Vec3 bristle = Vec3::Zero();  ///< elastic part of the tangential displacement [m]
   Vec3 place = nan3();          ///< touched point of the last query [m]

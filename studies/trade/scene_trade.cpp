@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/stopwatch.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
 #include "base/units.h"
@@ -12,7 +13,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
@@ -36,10 +36,6 @@ constexpr std::array kBounds{BoundFacts{"error", "N", &SceneBudget::error, &Scen
 
 constexpr std::size_t kMostCombinations = 256;
 constexpr int kSweeps = 3;
-
-double seconds_now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 bool bounds_accuracy(const SceneBudget& budget) {
   return std::any_of(kBounds.begin(), kBounds.end(),
@@ -194,9 +190,9 @@ SceneBench::Measured SceneBench::measure(Touchable& scene, bool instructions) co
   scene.reset();
   SceneAnswer answer;
   for (std::size_t i = 0; i < ticks; ++i) {
-    const double begin = seconds_now();
+    const Stopwatch watch;
     answer = scene.answer(touches_[i]);
-    seconds += seconds_now() - begin;
+    seconds += watch.seconds();
     scene.between_ticks(true);
     if (i == 0) stored = answer.stored;
     if (i + 1 < ticks) work += answer.force.dot(touches_[i + 1].position - touches_[i].position);

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/stopwatch.h"
 #include "control/path/arc_path.h"
 #include "control/path/place_tracker.h"
 #include "devices/sim/noise.h"
@@ -11,7 +12,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 
@@ -47,10 +47,6 @@ std::vector<Vec3> wandering(const Path& path, std::uint64_t seed) {
     t += std::pow(3, std::sin(2 * elapsed)) / kTraineeRate;
   }
   return positions;
-}
-
-double seconds_now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 /// Stores the true trajectory of a session's tool.
@@ -157,9 +153,9 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
       for (std::size_t i = from; i < to; ++i) (void)projection.update(trainee[i], 1 / kTraineeRate);
     };
     projection.start();
-    const double begin = seconds_now();
+    const Stopwatch watch;
     walk(0, trainee.size());
-    const double elapsed = seconds_now() - begin;
+    const double elapsed = watch.seconds();
     constexpr std::size_t kCounted = 25;
     projection.start();
     std::vector<std::uint64_t> counted;
@@ -203,12 +199,12 @@ SideTrade trade_of_simulation(
     PlayOptions options = bench.options_for(plain);
     TrueWay way(*sim, static_cast<std::size_t>((bench.duration() / plain.speed + 1) * plain.rate_hz));
     options.sinks.push_back(&way);
-    const double begin = seconds_now();
+    const Stopwatch watch;
     const PlayResult result =
         play(*device, plan_playback(device->info(), bench.place().path, options), options, StopRequest{});
     if (result.session.servo.cause != StopCause::finished) throw input_error(result.session.servo.detail);
     return Run{way.way(), result.last.rms_error, result.last.force_ripple,
-               1e-3 * (seconds_now() - begin) / std::max(result.session.servo.duration, 1e-9)};
+               1e-3 * watch.seconds() / std::max(result.session.servo.duration, 1e-9)};
   };
   if (dynamic_cast<const SimDevice*>(open({}).get()) == nullptr) return trade;
   const Run finest = run("exact", kFinestStep);

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/statistics.h"
+#include "base/stopwatch.h"
 #include "control/oscillation_count.h"
 #include "control/velocity_estimator.h"
 #include "devices/loop/servo_loop.h"
@@ -13,9 +14,7 @@
 #include "studies/trade/instruction_count.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <ctime>
 #include <filesystem>
 #include <fmt/format.h>
 #include <unistd.h>
@@ -76,16 +75,6 @@ Path whole_path(const PathSource& source) {
   Path path = source.read(0, source.facts().rows);
   path.name = source.facts().name;
   return path;
-}
-
-double wall_seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-double cpu_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
 /// A file that the destructor removes.
@@ -371,10 +360,10 @@ void Workbench::time_ticks(Outcome& outcome) const {
   const auto device = place_.open(place_.seed);
   std::vector<double> starts;
   for (int i = 0; i < 3; ++i) {
-    const double begin = wall_seconds();
+    const Stopwatch watch;
     const PlayPlan plan = plan_playback(info_, place_.path, options);
     (void)playback_controller(info_, plan, options);
-    starts.push_back(wall_seconds() - begin);
+    starts.push_back(watch.seconds());
   }
   std::sort(starts.begin(), starts.end());
   outcome.start = starts[1];
@@ -421,11 +410,11 @@ Workbench::Stored Workbench::record(const Configuration& configuration, const St
     }
     const auto device = place_.open(place_.seed);
     const PlayPlan plan = plan_playback(device->info(), place_.path, options);
-    const double begin = cpu_seconds();
+    const CpuStopwatch watch(CpuStopwatch::Of::process);
     const PlayResult result = play(*device, plan, options, StopRequest{});
     if (!result.session.recording_error.empty()) throw Error(Error::Kind::fault, result.session.recording_error);
     if (result.session.servo.cause != StopCause::finished) throw Error(Error::Kind::fault, result.session.servo.detail);
-    return (cpu_seconds() - begin) / static_cast<double>(std::max<std::uint64_t>(result.session.servo.samples, 1));
+    return watch.seconds() / static_cast<double>(std::max<std::uint64_t>(result.session.servo.samples, 1));
   };
   const ScratchFile original("original"), stored("stored");
   const double without = run({}, "");

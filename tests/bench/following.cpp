@@ -39,7 +39,7 @@ constexpr double kRate = 1000, kPeriod = 1 / kRate;
 constexpr double kLag = 0.5e-3;
 constexpr int kRepetitions = 5;
 
-/// What is known of a device when its law is designed.
+/// Knowledge of a device when its law is designed.
 struct Known {
   PlantModel plant;
   std::array<std::optional<AxisModel>, 3> axes;

@@ -239,7 +239,7 @@ TEST(AveragedPaths, RefuseACopyOfAnotherMovementAndNameIt) {
       EXPECT_THAT(error(copies(square), expert(intended("figure8"), seed + 20), at), HasSubstr("other.h5"));
       EXPECT_THAT(error(copies(zigzag()), expert(intended("script"), seed + 20), at), HasSubstr("other.h5"));
     }
-    // Of two, neither can be in the majority, but they still cannot be averaged.
+    // With two, neither can be in the majority, but they still cannot be averaged.
     for (const Intended& task : {square, circle})
       EXPECT_THAT(error(experts(task, 1, {}, seed), reversed(expert(task, seed + 20)), 1),
                   HasSubstr("shows another movement"));

@@ -333,7 +333,7 @@ TEST(SessionReport, RanksPartialRepetitionsBelowEveryFinishedOne) {
   const auto trials = [&](std::size_t exercise, std::initializer_list<double> finished, int partial) {
     for (const double rms : finished)
       lesson.trial(exercise, {}).figures = {{"definitions", 2}, {"contour_rms_m", rms}, {"sparc", -2}};
-    // What a partial repetition did was perfect.
+    // As far as it went, the partial repetition was perfect.
     for (int i = 0; i < partial; ++i)
       lesson.trial(exercise, {.until = 0.5}, "time_over").figures = {
           {"definitions", 2}, {"contour_rms_m", 1e-5}, {"sparc", -1.4}, {"completion", 0.4}};

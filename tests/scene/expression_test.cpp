@@ -82,7 +82,7 @@ TEST(Expressions, HaveTheGradientAndTheCurvatureOfTheirValue) {
       ASSERT_EQ(slope.gradient, jet.gradient) << text;
       const double size = 1 + jet.vector().norm(), bend = 1 + jet.matrix().norm();
       for (int axis = 0; axis < 3; ++axis) {
-        // Of the fourth order, so that the difference errs less than the bound.
+        // A formula of the fourth order, so that the difference errs less than the bound.
         constexpr double kStep = 1e-3;
         const auto at = [&](double n) { return expression.jet(place + n * kStep * Vec3::Unit(axis)); };
         const Jet a = at(-2), b = at(-1), c = at(1), d = at(2);

@@ -260,7 +260,7 @@ TEST(Implicits, AreOutsideWhereTheirExpressionIsNoNumber) {
   EXPECT_FALSE(pressed(*half, {-0.02, 0.06, 0}, {-0.02, 0.048, 0}).touching);
   EXPECT_THAT(error_of([] { (void)shape_of(implicit("sqrt(x)", Vec3::Constant(0.05))); }),
               HasSubstr("no place is inside"));
-  // What is outside of a part stays when the part is taken away.
+  // Everything outside of a part stays when the part is taken away.
   const auto rest = shape_of(
       fmt::format(R"({{"kind": "csg", "operation": "difference", "parts": [{{"kind": "box", "size": 0.06}}, {}]}})",
                   implicit("sqrt(x) - 10", Vec3::Constant(0.05))));

@@ -98,7 +98,7 @@ class MeshReferee {
   std::array<std::vector<std::vector<std::uint32_t>>, 3> columns_;
 };
 
-/// What went wrong in a walk of a tool around a closed mesh.
+/// The mistakes in a walk of a tool around a closed mesh.
 struct WalkFaults {
   std::int64_t ticks = 0, touched = 0, begun = 0, released = 0;
   std::int64_t leaked = 0;  ///< the tool was free, though inside

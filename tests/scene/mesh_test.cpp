@@ -109,7 +109,7 @@ TEST(TriangleTree, FindsTheClosestPointOfSliversToSomeRoundings) {
   std::normal_distribution<double> number;
   const auto any = [&] { return Vec3(number(random), number(random), number(random)); };
   for (int i = 0; i < 20'000; ++i) {
-    // Of any length, and up to a million times longer than wide; the place is near or far.
+    // Triangles of any length, and up to a million times longer than wide; the place is near or far.
     const double length = std::pow(10.0, -6 + i % 7), width = length * std::pow(10.0, -(i % 6));
     const Vec3 along = any().normalized(), across = along.cross(any()).normalized();
     const Vec3 a = 0.01 * any(), b = a + length * along, c = a + 0.3 * length * along + width * across;

@@ -1,4 +1,4 @@
-// What a contact feels like: stiffness laws, friction, adhesion, shading.
+// The feel of a contact: stiffness laws, friction, adhesion, shading.
 #include "scene/surface/detailed.h"
 #include "tests/scene/alone.h"
 #include "tests/support/allocations.h"

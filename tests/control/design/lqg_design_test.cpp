@@ -47,7 +47,7 @@ double bound(const AxisModel& model, double ripple) {
 }
 
 TEST(LqgDesign, ReachesTheKnownBoundsOfAHeldDevice) {
-  // Of an independent implementation, with the force 1 to 3 periods after the sample. Its drift and tremor differ a
+  // From an independent implementation, with the force 1 to 3 periods after the sample. Its drift and tremor differ a
   // little.
   const double known[3][3] = {{0.051, 0.034, 0.028}, {0.058, 0.039, 0.032}, {0.065, 0.044, 0.037}};
   for (int delay = 0; delay < 3; ++delay)

@@ -138,7 +138,7 @@ TEST_P(PlaceLaws, AllocatesNothing) {
 INSTANTIATE_TEST_SUITE_P(All, PlaceLaws, testing::ValuesIn(kCurves),
                          [](const auto& tested) { return tested.param.name; });
 
-/// What all trials of some departures on all strokes gave.
+/// The results of all trials of some departures on all strokes.
 struct Tally {
   int trials = 0, kept = 0, jumps = 0;
   double wall = 0, fastest = 0;

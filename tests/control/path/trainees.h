@@ -54,7 +54,7 @@ struct Trial {
 /// Returns the trial of a trainee; it depends on the arguments only.
 Trial trial_of(const Stroke& stroke, const ArcPath& path, const Departure& departure, std::uint64_t seed);
 
-/// What a tracker made of a trial.
+/// The result of a tracker on a trial.
 struct Verdict {
   bool kept = false;         ///< right at the end, and never wrong for longer than 0.5 s
   int jumps = 0;             ///< moves from the right place to a wrong one, 15 mm away or more

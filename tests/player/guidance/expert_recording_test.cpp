@@ -184,7 +184,7 @@ TEST_F(ExpertForces, SayThatAnExpertInFreeMovementFeltNothingButTheDevice) {
   calibrate(file);
   const ExpertRecording task = open_expert(file, {});
   EXPECT_THAT(task.warnings, Contains(HasSubstr("felt nothing but the device")));
-  // Of a surface that was touched, it does not.
+  // After a surface was touched, it does not.
   EXPECT_THAT(open_expert(recorded(true), {}).warnings, Not(Contains(HasSubstr("felt nothing but the device"))));
 
   // Without a model the sent force remains, which is zero.

@@ -292,7 +292,7 @@ TEST(SceneBudgets, ChooseTheNumberOfTrianglesOfAMesh) {
   EXPECT_TRUE(cheap.kept);
   const SceneChoice exact = scene.choose(parse_scene_budget("time<=1s"), StopRequest{});
   EXPECT_EQ(exact.levels.at("ball.triangles"), 9800);
-  // What the budget chooses is what the scene's file takes.
+  // The scene's file takes everything that the budget can choose.
   const nlohmann::json changed =
       scene_with(described, folder.path(), {{"ball.triangles", 2450}, {"ball.verify", 1}, {"ball.rounds", 2}});
   const nlohmann::json& shape = changed["objects"][0]["shape"];

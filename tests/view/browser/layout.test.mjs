@@ -8,7 +8,7 @@ import { open, rowAt, run, scratch, start } from "./support.mjs";
 
 const SIZES = [[360, 640], [390, 844], [640, 400], [1280, 800], [1920, 1080]];
 
-// What is wrong with the page as it is laid out; run in the page.
+// Lists the faults of the page's layout; run in the page.
 function problems() {
   const out = [];
   const root = document.documentElement;

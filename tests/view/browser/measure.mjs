@@ -10,7 +10,7 @@ import { open, run, start } from "./support.mjs";
 const seconds = Number(process.argv[2] ?? 30);
 const RUNS = 5;
 
-// What support.mjs registers to be cleaned up, newest first.
+// Clean-up that support.mjs registers, newest first.
 const endings = [];
 const t = { after: (end) => endings.unshift(end) };
 const sorted = (values) => [...values].sort((a, b) => a - b);

@@ -76,7 +76,7 @@ test("a report fits every window and prints with names and without JSON", async 
   assert.deepEqual(await page.evaluate(() => [...document.querySelectorAll(".person")].map((e) => getComputedStyle(e).breakBefore)),
     ["page", "page"]);
 
-  // What a reader does: print from the browser.
+  // As a reader does: print from the browser.
   const pdf = join(file, "..", "report.pdf");
   await promisify(execFile)(process.env.HAPTRACE_CHROMIUM ?? "chromium",
     ["--headless", "--no-sandbox", "--disable-gpu", `--user-data-dir=${join(file, "..", "profile")}`, "--no-pdf-header-footer", `--print-to-pdf=${pdf}`, address]);

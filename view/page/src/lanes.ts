@@ -66,7 +66,7 @@ const VALUES_EVERY = 66; // [ms]: digits that change faster cannot be read
 const LIVE_BINS = 8192;
 // A coarse answer is asked for again after this time [ms].
 export const ASK_AGAIN = 400;
-// What a live session adds is asked for this often [ms].
+// New data of a live session are asked for this often [ms].
 const ASK_LIVE = 1000;
 
 export interface LanesOptions {

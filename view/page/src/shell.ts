@@ -691,7 +691,7 @@ export class Shell {
     this.showSoftware();
   }
 
-  // What holds the simulated hand; empty if nothing does.
+  // The input that holds the simulated hand; empty if none does.
   get holding(): string {
     return this.steering?.holding ?? "";
   }
