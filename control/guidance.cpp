@@ -1,6 +1,7 @@
 #include "control/guidance.h"
 
 #include "base/error.h"
+#include "control/norm.h"
 
 #include <algorithm>
 #include <array>
@@ -20,7 +21,8 @@ double blend(double dt) {
   return -std::expm1(-std::max(0.0, dt) / kTimeConstant);
 }
 
-constexpr double kWallsReturn = 0.3;  // in which the share of the walls rises from 0 to 1 [s]
+constexpr double kUnnoticedStep = 0.2;  // of the walls' force [N]
+constexpr double kWallsReturn = 0.3;    // in which the share of the walls rises from 0 to 1 [s]
 
 /// Returns the depth in the wall [m]; negative within the tunnel.
 double depth(const PathProjection::Foot& foot) {
@@ -142,19 +144,37 @@ double Guidance::stored(const PathProjection::Foot& foot, const PathProjection::
   return tuning.share * stored;
 }
 
-void Guidance::change_tunnels(const PathProjection::Foot& foot) noexcept {
+Vec3 Guidance::springs(const State& state, const PathProjection::Foot& foot) const noexcept {
+  PathProjection::Foot tuned = foot;
+  tuned.place.radius = tuning_.radius(foot.place.radius);
+  tuned.tube.radius = tuning_.radius(foot.tube.radius);
+  const GuideInput input{state, tuned, gate(tuned), tuning_};
+  Vec3 sum = Vec3::Zero();
+  for (const auto& term : terms_)
+    if (term->kind() == GuideTerm::Kind::restoring) sum += term->force(input);
+  return tuning_.share * sum;
+}
+
+void Guidance::change_tunnels(const State& state, const PathProjection::Foot& foot) noexcept {
   tube_ = foot.tube;
   certainty_ = foot.certainty;
   if (foot.tube.centre == foot.tube_before.centre && foot.tube.radius == foot.tube_before.radius) return;
   const double before = wall_share_ * stored(foot, foot.tube_before, tuning_);
   const double now = wall_share_ * stored(foot, foot.tube, tuning_);
-  if (now > before)
-    wall_share_ *= before / now;
-  else
-    account_.restate(now);
+  const double share = now > before ? wall_share_ * before / now : wall_share_;
+  if (norm_of(share * springs(state, foot) - spring_) > kUnnoticedStep) {
+    release_ = {spring_ + release_.force(hand_), state.position, before + release_.stored(state.position)};
+    wall_share_ = 0;
+    account_.restate(release_.stored(state.position));
+    return;
+  }
+  wall_share_ = share;
+  if (now <= before) account_.restate(now + release_.stored(state.position));
 }
 
 void Guidance::rest(double dt) noexcept {
+  release_ = {};
+  spring_.setZero();
   const double share = blend(dt);
   for (const auto value : kTuned) tuning_.*value += share * (target_.*value - tuning_.*value);
 }
@@ -198,16 +218,21 @@ void Guidance::credit(const State& state, const PathProjection::Foot& foot, bool
 }
 
 void Guidance::account(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
-  if (const std::optional<double> given = account_.update(state.position, state.force_applied - state.force_touched,
-                                                          wall_share_ * stored(foot, foot.tube_before, tuning_))) {
+  if (const std::optional<double> given =
+          account_.update(state.position, state.force_applied - state.force_touched,
+                          wall_share_ * stored(foot, foot.tube_before, tuning_) + release_.stored(state.position))) {
     given_ += *given;
     tank_.charge(*given);
     credit(state, foot, cursor);
   }
-  change_tunnels(foot);
+  change_tunnels(state, foot);
   place_ = foot.place.position;
   s_ = foot.s;
   hand_ = state.position;
+  // Energy that goes as it slackens is lost, not given.
+  const double held = release_.stored(state.position);
+  release_.pass(state.dt);
+  if (held > 0) account_.discard(held - release_.stored(state.position));
 }
 
 Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool cursor) noexcept {
@@ -229,7 +254,7 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
     sum += term->force(input);
   }
   spring_ = tuning_.share * wall_share_ * spring;
-  Vec3 force = spring_ + tuning_.share * (passive + tank_.share() * active);
+  Vec3 force = spring_ + release_.force(state.position) + tuning_.share * (passive + tank_.share() * active);
   // If the tank is overdrawn, damping takes the energy back within a tick, up to what the device withstands.
   if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
       damping > 0)

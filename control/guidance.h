@@ -7,6 +7,7 @@
 #include "control/guidance_options.h"
 #include "control/path/path_projection.h"
 #include "control/walked_set.h"
+#include "control/wall_release.h"
 
 #include <algorithm>
 #include <memory>
@@ -196,7 +197,8 @@ double largest_wall_stiffness(double rate_hz, double delay, double damping = 1);
 ///
 /// The same holds when the plausible tunnels change (PlaceTracker). If the springs hold less energy at the same
 /// position of the hand, the difference is discarded and never credited. If they hold more, the walls continue with a
-/// share that holds the same energy, and the share rises to 1 within 0.3 s, as far as the tank pays.
+/// share that holds the same energy, and the share rises to 1 within 0.3 s, as far as the tank pays. If their force
+/// would make a step, WallRelease takes it over, and the walls begin without force.
 ///
 /// Real-time: all but the constructor. Threads: one at a time.
 class Guidance {
@@ -217,6 +219,8 @@ class Guidance {
   void begin() noexcept {
     account_.begin();
     walked_.clear();
+    release_ = {};
+    spring_.setZero();
   }
 
   /// Sets the tuning that the terms approach from now on; with `at_once`, they have it now. Values must be finite.
@@ -239,6 +243,8 @@ class Guidance {
   /// Returns the tunnel on which the walls act, with the path's own radius, and the share of the walls that acts.
   [[nodiscard]] const PathProjection::Tube& tube() const noexcept { return tube_; }
   [[nodiscard]] double wall_share() const noexcept { return wall_share_; }
+  /// Returns the force of walls that are no longer there.
+  [[nodiscard]] const WallRelease& release() const noexcept { return release_; }
   /// Returns the certainty of the place at the last update.
   [[nodiscard]] double certainty() const noexcept { return certainty_; }
   /// Returns the energy given to the hand beyond the energy stored in springs [J].
@@ -254,8 +260,10 @@ class Guidance {
   /// Returns the energy that the springs hold with `tuning` in the foot's `tube`, which has the path's own radius [J].
   [[nodiscard]] double stored(const PathProjection::Foot& foot, const PathProjection::Tube& tube,
                               const GuideTuning& tuning) const noexcept;
+  /// Returns the force of the springs in the foot's tunnel, with the tuning in force and all of the walls [N].
+  [[nodiscard]] Vec3 springs(const State& state, const PathProjection::Foot& foot) const noexcept;
   /// Lets the walls act on another tunnel: they hold no more energy than before, and what they hold less is lost.
-  void change_tunnels(const PathProjection::Foot& foot) noexcept;
+  void change_tunnels(const State& state, const PathProjection::Foot& foot) noexcept;
   /// Approaches the target as far as the tank allows.
   void approach(const PathProjection::Foot& foot, double dt) noexcept;
 
@@ -271,6 +279,7 @@ class Guidance {
   Vec3 hand_ = Vec3::Zero();   ///< position at the previous tick [m]
   PathProjection::Tube tube_;
   double wall_share_ = 1;
+  WallRelease release_;
   double certainty_ = 1;
   Vec3 spring_ = Vec3::Zero();  ///< force of the restoring terms at the previous tick [N]
 };

@@ -29,6 +29,7 @@ constexpr float kSkip = weight_of(kPlaceWeights.skip), kBack = weight_of(kPlaceW
 constexpr float kDistance = weight_of(kPlaceWeights.distance), kHeading = weight_of(kPlaceWeights.heading);
 constexpr float kSigma = length_of(kPlaceWeights.sigma), kForget = length_of(kPlaceWeights.lambda);
 constexpr auto kCap = static_cast<float>(kPlaceWeights.cap), kBehind = static_cast<float>(kPlaceWeights.cap_behind);
+constexpr auto kCapKept = static_cast<float>(kPlaceWeights.cap_kept);
 constexpr float kFarthest = 1e8F;  // bounds a squared distance, so that sums of costs stay finite
 constexpr double kChord = length_of(kPlaceWeights.chord), kLeastChord = length_of(kPlaceWeights.least_chord);
 constexpr double kFollow = kPlaceWeights.advance, kWindow = 12;
@@ -158,6 +159,8 @@ class States {
       offer(j, best, least + kCap + (j < best ? kBehind : 0));
       kept_[j] = total_[j] - next_forgotten_[j];
     }
+    const float most_kept = *std::min_element(kept_.begin(), kept_.end()) + kCapKept;
+    for (float& kept : kept_) kept = std::min(kept, most_kept);
     forgotten_ = next_forgotten_;
   }
 
@@ -168,7 +171,7 @@ class States {
     for (std::size_t j = 0; j < size(); ++j) {
       const float x = p.x() - point_[0][j], y = p.y() - point_[1][j], z = p.z() - point_[2][j];
       const float along = u.x() * tangent_[0][j] + u.y() * tangent_[1][j] + u.z() * tangent_[2][j];
-      kept_[j] += weight * (1 - along);
+      kept_[j] += weight * heading_deviation(along);
       const float away = std::min((x * x + y * y + z * z) / (kSigma * kSigma), kFarthest);
       forgotten_[j] = forgotten_[j] * fade + kDistance * dl * (std::sqrt(1 + away) - 1);
       least = std::min(least, kept_[j] + forgotten_[j]);

@@ -124,7 +124,7 @@ class GuidanceJudge final : public SampleSink {
     PathProjection::Foot foot;
     foot.place = path_.at(sample.progress);
     foot.tube = PathProjection::tube_of(guidance_.tube().centre, guidance_.tube().radius, device_.true_position());
-    return guidance_.wall_share() * wall_.stored(foot, {});
+    return guidance_.wall_share() * wall_.stored(foot, {}) + guidance_.release().stored(device_.true_position());
   }
 
   const SimDevice& device_;

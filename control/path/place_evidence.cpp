@@ -18,6 +18,7 @@ constexpr double kSigma = kPlaceWeights.sigma, kLambda = kPlaceWeights.lambda;
 constexpr double kWeightDistance = kPlaceWeights.distance, kWeightHeading = kPlaceWeights.heading;
 constexpr double kWeightSkip = kPlaceWeights.skip, kWeightBack = kPlaceWeights.back;
 constexpr auto kCap = static_cast<float>(kPlaceWeights.cap), kCapBehind = static_cast<float>(kPlaceWeights.cap_behind);
+constexpr auto kCapKept = static_cast<float>(kPlaceWeights.cap_kept);
 constexpr double kChord = kPlaceWeights.chord, kShortestChord = kPlaceWeights.least_chord;
 constexpr double kAdvance = kPlaceWeights.advance;
 constexpr double kStateSpacing = 1e-3;                   // h; 2 mm lets a hand with strong tremor run ahead [m]
@@ -100,18 +101,19 @@ struct Evidence {
   float decay, of_distance, of_heading, sharpness;  ///< weights
 };
 
-/// Restarts a state that costs more than `restart`, and adds the evidence of a movement.
-void weigh(const Evidence evidence, float restart, float of_restart, std::size_t n, const float* __restrict x,
-           const float* __restrict y, const float* __restrict z, const float* __restrict tx, const float* __restrict ty,
-           const float* __restrict tz, float* __restrict total, float* __restrict kept,
+/// Restarts a state that costs more than `restart`, or whose B is more than `most_kept`, and adds the evidence of a
+/// movement.
+void weigh(const Evidence evidence, float most_kept, float restart, float of_restart, std::size_t n,
+           const float* __restrict x, const float* __restrict y, const float* __restrict z, const float* __restrict tx,
+           const float* __restrict ty, const float* __restrict tz, float* __restrict total, float* __restrict kept,
            float* __restrict forgotten) noexcept {
   const auto [px, py, pz, ux, uy, uz, decay, of_distance, of_heading, sharpness] = evidence;
   for (std::size_t j = 0; j < n; ++j) {
     const bool anew = restart < total[j];
-    const float m = anew ? restart : total[j], a = anew ? of_restart : forgotten[j];
+    const float a = anew ? of_restart : forgotten[j], kept_so_far = (anew ? restart : total[j]) - a;
     const float dx = x[j] - px, dy = y[j] - py, dz = z[j] - pz;
-    const float off = 1 - (ux * tx[j] + uy * ty[j] + uz * tz[j]);
-    const float b = m - a + of_heading * off;
+    const float off = heading_deviation(ux * tx[j] + uy * ty[j] + uz * tz[j]);
+    const float b = (kept_so_far < most_kept ? kept_so_far : most_kept) + of_heading * off;
     const float next = a * decay + of_distance * (std::sqrt(1 + sharpness * (dx * dx + dy * dy + dz * dz)) - 1);
     kept[j] = b;
     forgotten[j] = next;
@@ -244,10 +246,12 @@ void PlaceEvidence::observe(const Vec3& position, double step) noexcept {
   evidence.of_distance = static_cast<float>(kWeightDistance * step / scale_);
   evidence.of_heading = heading.isZero(0) ? 0 : static_cast<float>(kWeightHeading * step / scale_);
   evidence.sharpness = static_cast<float>(1 / (scale_ * kSigma * scale_ * kSigma));
+  float most_kept = std::numeric_limits<float>::infinity();
+  for (std::size_t i = 0; i < n; ++i) most_kept = std::min(most_kept, total_[i] - forgotten_[i] + kCapKept);
   const auto weigh_from = [&](std::size_t i, std::size_t count, float restart) {
     const std::size_t j = first_ + i;
-    weigh(evidence, restart, of_least, count, &x_[j], &y_[j], &z_[j], &tx_[j], &ty_[j], &tz_[j], &total_[i], &kept_[i],
-          &forgotten_[i]);
+    weigh(evidence, most_kept, restart, of_least, count, &x_[j], &y_[j], &z_[j], &tx_[j], &ty_[j], &tz_[j], &total_[i],
+          &kept_[i], &forgotten_[i]);
   };
   weigh_from(0, best_, least + kCap + kCapBehind);
   weigh_from(best_, n - best_, least + kCap);

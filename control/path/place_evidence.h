@@ -23,8 +23,9 @@ namespace haptrace {
 ///
 ///     advance   M_j = min over i in j-r .. j of M_i,  r = 3 dl q,  q: net over whole movement of a hand with tremor
 ///     skip      M_j = min(M_j, M_{j-1} + w_skip h)         back   M_j = min(M_j, M_{j+1} + w_back h)
-///     restart   M_j = min(M_j, min M + cap), 0.3 more behind the best
-///     observe   A_j = A_j exp(-dl / lambda) + w_d dl (sqrt(1 + (d_j / sigma)^2) - 1),  B_j += w_h dl (1 - u . t_j)
+///     restart   M_j = min(M_j, min M + cap), 0.3 more behind the best;  B_j = min(B_j, min B + cap_kept)
+///     observe   A_j = A_j exp(-dl / lambda) + w_d dl (sqrt(1 + (d_j / sigma)^2) - 1),  B_j += w_h dl min(1 - u .
+///     t_j, 1.8 + u . t_j)
 ///
 /// and A travels with the best predecessor. u and t_j are the chords of the hand and of the path over the last 6 mm.
 /// Only movement counts: a hand that rests adds no evidence, however long. All lengths are those of a path whose box

@@ -13,7 +13,7 @@ namespace {
 constexpr double kFine = 4e-3;                      // distance of the foot point from the anchor [m]
 constexpr double kNear = 8e-3;                      // range of places that are near the foot point [m]
 constexpr double kRival = 15e-3;                    // a rival is farther away [m]
-constexpr double kFar = 40e-3;                      // the foot point moves farther only without forces [m]
+constexpr double kFar = 60e-3;                      // the foot point moves farther only without forces [m]
 constexpr double kRemote = 30e-3;                   // beyond this distance a place must be better ...
 constexpr double kBetter = 0.5, kBetterRemote = 1;  // ... by the larger of these costs
 constexpr double kDoubt = 0.5, kCertain = 1.5;      // margins at which certainty is 0 and 1

@@ -11,7 +11,7 @@ namespace haptrace {
 /// Two layers find the place. PlaceEvidence weighs all places by the movement so far; within 4 mm of the best place
 /// near by, PathProjection finds the exact foot point at every tick, forwards and backwards. If a place elsewhere
 /// becomes more plausible than those near by, because the trainee turned early, cut a corner, skipped a part or went
-/// back, the foot point moves there: by sliding if it is less than 40 mm away, else at once, after
+/// back, the foot point moves there: by sliding if it is less than 60 mm away, else at once, after
 /// `Foot::certainty` has faded to 0. A foot point that bears force never moves faster than PathProjection allows.
 ///
 /// `Foot::tube` is the nearest tunnel of all places that are plausible, not only of the foot point: a wall that acts on

@@ -37,6 +37,7 @@ std::vector<Group> groups() {
       {"turns early or cuts corners by 2 to 15 mm",
        {{.early = 2e-3}, {.early = 3e-3}, {.early = 5e-3}, {.early = 8e-3}, {.early = 15e-3}}},
       {"goes back 20 mm", {{.back = 0.02}}},
+      {"goes back 60 and 100 mm, and to the start", {{.back = 0.06}, {.back = 0.1}, {.again = true}}, false},
       {"skips 40 and 60 mm", {{.skip = 0.04}, {.skip = 0.06}}},
       {"starts in the middle", {{.middle = true}}},
       {"wanders 50 mm off", {{.wander = 0.05}}},

@@ -249,10 +249,62 @@ TEST(Guidance, DiscardsTheEnergyOfAWallThatTurnsOutToBeWrong) {
   const State state = moving(Vec3(0.1, 0.01, 0));
   for (int i = 0; i < 3; ++i) (void)guidance.update(state, between_tunnels(path, 5e-3, 5e-3), false);
   const double level = guidance.tank().level(), given = guidance.given();
-  EXPECT_EQ(guidance.update(state, between_tunnels(path, 5e-3, -1e-3), false), Vec3::Zero());
-  (void)guidance.update(state, between_tunnels(path, -1e-3, -1e-3), false);
-  EXPECT_EQ(guidance.tank().level(), level) << "not credited";
-  EXPECT_EQ(guidance.given(), given);
+  double before = guidance.update(state, between_tunnels(path, 5e-3, -1e-3), false).norm();
+  EXPECT_NEAR(before, 4.5, 0.02);
+  for (int i = 0; i < 299; ++i) {
+    const double force = guidance.update(state, between_tunnels(path, -1e-3, -1e-3), false).norm();
+    EXPECT_NEAR(before - force, 4.5e-3 / WallRelease::kTime, 1e-6) << "it goes evenly, tick " << i;
+    before = force;
+  }
+  EXPECT_NEAR(guidance.update(state, between_tunnels(path, -1e-3, -1e-3), false).norm(), 0, 1e-9);
+  EXPECT_NEAR(guidance.tank().level(), level, 1e-12) << "not credited";
+  EXPECT_NEAR(guidance.given(), given, 1e-12);
+}
+
+TEST(Guidance, TurnsAWallsForceWithoutAStep) {
+  const ArcPath path = straight();
+  Guidance guidance(walls(), {});
+  const State state = moving(Vec3(0.1, 0.01, 0));
+  const auto elsewhere = [&](PathProjection::Foot foot) {
+    foot.tube = PathProjection::tube_of(state.position + Vec3(kRadius + 5e-3, 0, 0), kRadius, state.position);
+    return foot;
+  };
+  Vec3 before = Vec3::Zero();
+  for (int i = 0; i < 3; ++i) before = guidance.update(state, between_tunnels(path, 5e-3, 5e-3), false);
+  EXPECT_NEAR(before.y(), -4.5, 1e-9);
+  for (int i = 0; i < 600; ++i) {
+    auto foot = elsewhere(between_tunnels(path, 5e-3, 5e-3));
+    if (i > 0) foot.tube_before = foot.tube;
+    const Vec3 force = guidance.update(state, foot, false);
+    ASSERT_LE((force - before).norm(), 0.05) << "tick " << i;
+    before = force;
+  }
+  EXPECT_LT((before - Vec3(4.5, 0, 0)).norm(), 0.05);
+  EXPECT_LE(guidance.given(), guidance.budget());
+}
+
+TEST(WallRelease, GivesNoMoreThanTheEnergyThatItHolds) {
+  const Vec3 place(0.02, 0.01, -0.03), force(3, -4, 0), along = force.normalized();
+  const WallRelease release(force, place, 0.05);
+  EXPECT_EQ(release.force(place), force);
+  EXPECT_DOUBLE_EQ(release.stored(place), 0.05);
+  double work = 0;
+  constexpr double kStep = 1e-5;  // [m]
+  for (double x = 0; x < 0.03; x += kStep) {
+    const Vec3 here = place + x * along, next = place + (x + kStep) * along;
+    const double step = kStep * 0.5 * (release.force(here) + release.force(next)).dot(along);
+    EXPECT_NEAR(step, release.stored(here) - release.stored(next), 1e-8);
+    work += step;
+  }
+  EXPECT_NEAR(work, 0.05, 1e-6);
+  EXPECT_NEAR((release.stored(place - 0.01 * along) - 0.05) / 0.01, 5, 1e-6) << "pushed against: the force stays";
+  EXPECT_EQ(release.force(place - 0.01 * along), force);
+  WallRelease later = release;
+  for (int i = 0; i < 150; ++i) later.pass(1e-3);
+  EXPECT_NEAR(later.force(place).norm(), 2.5, 1e-9);
+  for (int i = 0; i < 151; ++i) later.pass(1e-3);
+  EXPECT_EQ(later.force(place), Vec3::Zero());
+  EXPECT_EQ(later.stored(place), 0);
 }
 
 TEST(Guidance, RaisesAWallThatAppearsSlowlyAndPaysForItsEnergy) {

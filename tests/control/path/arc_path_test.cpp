@@ -53,6 +53,18 @@ TEST(ArcPath, HasTheLengthOfALine) {
   }
 }
 
+TEST(ArcPath, BeginsWithARestOfMovesWhoseSquaresUnderflow) {
+  // As a smoothing filter leaves them before a movement that begins late.
+  ArcPath::Builder builder(2.5e-4);
+  double t = 0, y = 1e-170;
+  for (; y < 1e-9; y *= 3) builder.add(t += 1e-3, {-0.04, y, 1e-165 - y * 1e-3}, Vec3::Zero());
+  for (int i = 0; i <= 100; ++i) builder.add(t += 1e-3, {-0.04 + 5e-4 * i, 0, 0}, Vec3::Zero());
+  const ArcPath path = builder.finish(0.005);
+  EXPECT_NEAR(path.length(), 0.05, 1e-9);
+  EXPECT_EQ(path.knots(), 201U);
+  EXPECT_NEAR(path.diagonal(), 0.05, 1e-9);
+}
+
 TEST(ArcPath, DoesNotDependOnSamplingOrSpeed) {
   const ArcPath fine = built(circle, 2 * std::numbers::pi, 1e-4);
   EXPECT_NEAR(fine.length(), 0.08 * std::numbers::pi, 1e-5);

@@ -4,6 +4,7 @@
 #include "tests/support/allocations.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <functional>
@@ -188,6 +189,21 @@ TEST(PlaceTracker, KeepsTraineesWhoTurnEarlyAndCutCorners) {
   const Tally early = tally({{.early = 2.7e-3}, {.early = 8e-3}, {.early = 15e-3}}, 2, 2900);
   EXPECT_EQ(early.kept, early.trials);
   EXPECT_LE(early.wall, kNoWall);
+}
+
+TEST(PlaceTracker, KeepsTraineesWhoGoBackFarWhereThatDiffersFromAnotherStrand) {
+  for (const test::Stroke& stroke : test::strokes()) {
+    const std::array retraced{"line and back", "stretch three times", "hairpin", "zigzag", "script"};
+    if (std::find(retraced.begin(), retraced.end(), stroke.name) != retraced.end()) continue;
+    const ArcPath path = test::path_of(stroke, 5e-3);
+    for (const test::Departure& departure : {test::Departure{.back = 0.06}, {.back = 0.1}, {.again = true}})
+      for (std::uint64_t seed = 4900; seed < 4903; ++seed) {
+        const test::Verdict verdict = test::judge(path, test::trial_of(stroke, path, departure, seed));
+        EXPECT_TRUE(verdict.kept) << stroke.name << ", " << departure.back << " m, seed " << seed << ": wrong for "
+                                  << verdict.longest_wrong << " s";
+        EXPECT_LE(verdict.wrong_wall, 2e-3) << stroke.name << ", " << departure.back << " m, seed " << seed;
+      }
+  }
 }
 
 TEST(PlaceTracker, FindsTraineesAgainWhoSkipGoBackWanderOrStartInTheMiddle) {

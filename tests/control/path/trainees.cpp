@@ -133,6 +133,10 @@ void walk_along(const Stroke& stroke, const ArcPath& path, const Departure& depa
       walk.along(event - departure.back);
       walk.along(event);
     }
+    if (departure.again) {
+      walk.along(0);
+      walk.along(event);
+    }
     if (departure.skip > 0) {
       walk.straight(std::min(event + departure.skip, length));
       walk.grace(kGraceLost);

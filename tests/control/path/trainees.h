@@ -37,6 +37,7 @@ struct Departure {
   double low_pass = 0;  ///< cutoff of a zero-phase low-pass over time [Hz]; 0: none
   double early = 0;     ///< turns so early, and cuts corners there
   double back = 0;      ///< goes back so far, once
+  bool again = false;   ///< goes back to the start, once
   double skip = 0;      ///< leaves out so much, once
   bool middle = false;  ///< starts in the middle
   double wander = 0;    ///< leaves the path so far, and comes back to the same place
