@@ -158,7 +158,7 @@ constexpr TrialFigure kFigures[] = {
      kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
-     "corners that it cut do.",
+     "corners that it cut do, and so do the last 2 mm, at which a repetition ends.",
      kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
      "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "
@@ -360,7 +360,10 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     if (aligned == nullptr) own = align_with_path(path->curve, trial.position);
     const PathAlignment& alignment = aligned != nullptr ? *aligned : own;
     const double length = path->curve.length();
-    if (path->whole) figures.completion = std::min(1.0, alignment.covered / length);
+    // A repetition ends as soon as the hand arrives: what is left then is not left out.
+    constexpr double kArrived = 2e-3;  // [m]
+    const double left = length - alignment.farthest, passed = alignment.covered + (left <= kArrived ? left : 0);
+    if (path->whole) figures.completion = std::min(1.0, passed / length);
     figures.contour = contour_deviation(trial.time, trial.position, path->curve, alignment.arc);
     // A resting hand trembles along the path but does not follow it.
     constexpr double kLeastShare = 0.05, kLeastWalk = 2e-3;

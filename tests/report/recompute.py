@@ -189,7 +189,8 @@ def add_path(out, t, x, force, samples):
     covered = arc.max() - arc.min()
     out["contour_rms_m"] = np.sqrt(time_mean(t, distance ** 2))
     out["contour_peak_m"] = distance.max()
-    out["completion"] = min(1, covered / curve.length)
+    left = curve.length - arc.max()
+    out["completion"] = min(1, (covered + (left if left <= 2e-3 else 0)) / curve.length)
     out["shape_distance_m"] = shape_distance(curve, x)
     if not guided:
         late = norms(x - reference)
