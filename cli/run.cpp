@@ -7,6 +7,7 @@
 #include "cli/terminal.h"
 #include "cli/tuning.h"
 #include "devices/device_spec.h"
+#include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
 #include "player/programme/programme_session.h"
@@ -42,7 +43,9 @@ std::string minutes(double seconds) {
 
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
-  for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc"}) {
+  for (const char* name :
+       {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s", "lateral_deviation_m",
+        "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r"}) {
     const std::optional<double> value = figure_in(figures, name);
     if (!value) continue;
     const TrialFigure& figure = trial_figure(name);
@@ -137,6 +140,10 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
       "{}: {} repetitions done{}{}, {} in this sitting, force dose {:.0f} N s\n", folder, finished,
       partial.empty() ? "" : fmt::format(" and {} in part ({} of the path)", partial.size(), fmt::join(partial, ", ")),
       result.log.complete ? ", the programme is complete" : "", minutes(sitting.duration), sitting.force_dose);
+  const Programme programme = programme_from_json(result.log.programme, folder);
+  for (std::size_t i = 0; i < programme.size(); ++i)
+    for (const ReachBlockSummary& block : summarise_blocks(programme, i, result.log))
+      text += fmt::format("  {}, {}\n", programme.exercise(i).name, describe(block));
   if (!result.log.complete)
     text += fmt::format("  ended: {}{}{}; resume with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
                         sitting.detail, resume);
@@ -197,15 +204,16 @@ class TrialDevices {
   DeviceInfo info() { return mark_ == std::string::npos ? shared()->info() : open_with(without_path())->info(); }
 
   /// In passive exercises, a simulated participant has no intent. Otherwise the participant follows the path after the
-  /// approach to its start, and in cursor exercises at the pace of the cursor.
-  std::shared_ptr<Device> open(const Exercise& exercise, double pace, const std::string& path) {
+  /// approach to its start, in reaches after the cue, and in cursor exercises at the pace of the cursor.
+  std::shared_ptr<Device> open(const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
     if (mark_ == std::string::npos) return shared();
     if (exercise.mode == ExerciseMode::passive) return open_with(without_path());
-    constexpr double kLed = 0.5;  // approximate duration of the approach [s]
+    constexpr double kLed = 0.5;       // approximate duration of the approach [s]
+    constexpr double kReaction = 0.4;  // to the cue, with the end of the pull to the start [s]
     std::string description = session_.device;
     description.replace(mark_, kPathMark.size(), path);
-    add_option(description, "intent_after", kLed);
-    if (exercise.mode == ExerciseMode::cursor) add_option(description, "intent_speed", pace);
+    add_option(description, "intent_after", kLed + (settings.start_hold ? *settings.start_hold + kReaction : 0));
+    if (exercise.mode == ExerciseMode::cursor) add_option(description, "intent_speed", settings.pace);
     return open_with(std::move(description));
   }
 
@@ -298,9 +306,10 @@ class ProgrammeScreen {
   void begin(const ScheduledTrial& trial, const TrialSettings& settings, std::size_t number, std::size_t of) {
     const Exercise& exercise = programme_.exercise(trial.exercise);
     clear();
-    output_.remark(fmt::format("{} of {}: {}, repetition {}{} ({})", number, of, exercise.name, trial.repetition,
-                               programme_.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
-                               settings_text(exercise, settings)));
+    output_.remark(
+        fmt::format("{} of {}: {}, repetition {}{} ({})", number, of, exercise.name, trial.repetition,
+                    programme_.rounds > 1 ? fmt::format(", round {}", trial.round) : "",
+                    trial.reach ? describe(*exercise.reach, *trial.reach) : settings_text(exercise, settings)));
     expected_ = plan_ ? plan_->parts[trial.exercise].trial : 0;
     progress_.current = trial.exercise;
     show();
@@ -309,6 +318,8 @@ class ProgrammeScreen {
   void end(const LoggedTrial& trial) {
     clear();
     if (const std::string text = figures_text(trial.figures); !text.empty()) output_.remark("  " + text);
+    if (trial.figures.is_object() && trial.figures.contains("refused"))
+      output_.remark("  " + trial.figures["refused"].get<std::string>());
     page_.training([&](TrainingProgress& screen) { screen.end(trial, shown_.trials); });
     shown_.trials.push_back(trial);
     show();
@@ -390,7 +401,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
       .session = arguments.session.options((fs::path(folder) / "trial.h5").string(), shared_config(verb)),
       .max_deviation = arguments.max_deviation,
       .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
-        return devices.open(exercise, settings.pace, path);
+        return devices.open(exercise, settings, path);
       }};
   // The profile from the start applies to the whole session.
   const std::string kept = (fs::path(folder) / kSessionProfile).string();

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "control/zero_phase.h"
+#include "metrics/even_trial.h"
 
 #include <algorithm>
 #include <cmath>
@@ -125,25 +126,17 @@ int count_peaks(std::span<const double> speed, double prominence) {
   return peaks;
 }
 
-/// The low-passed trial from onset to end, at even steps.
-struct Movement {
-  std::size_t first = 0, last = 0;  ///< indices into the grid
-  double step = 0;                  // [s]
-  double slow = 0;                  ///< speed below which the hand dwells [m/s]
-  std::vector<Vec3> position, velocity;
-  std::vector<double> speed;
-
-  /// Returns the integral of `rate` over the movement, by the trapezoidal rule.
-  template <class Rate>
-  [[nodiscard]] double integral(const Rate& rate) const {
-    double sum = 0;
-    for (std::size_t i = first; i <= last; ++i) sum += (i == first || i == last ? 0.5 : 1) * rate(i);
-    return sum * step;
-  }
-};
+/// Returns the integral of `rate` from onset to end, by the trapezoidal rule.
+template <class Rate>
+double integral(const EvenTrial& movement, const Rate& rate) {
+  double sum = 0;
+  for (std::size_t i = movement.first; i <= movement.last; ++i)
+    sum += (i == movement.first || i == movement.last ? 0.5 : 1) * rate(i);
+  return sum * movement.step;
+}
 
 /// Returns the time below the threshold [s]; the speed is linear between rows.
-double dwell_time(const Movement& movement) {
+double dwell_time(const EvenTrial& movement) {
   double steps = 0;
   for (std::size_t i = movement.first; i < movement.last; ++i) {
     const auto [least, most] = std::minmax({movement.speed[i] - movement.slow, movement.speed[i + 1] - movement.slow});
@@ -152,7 +145,7 @@ double dwell_time(const Movement& movement) {
   return steps * movement.step;
 }
 
-ForceFigures force_figures(const Movement& movement, const std::vector<Vec3>& force) {
+ForceFigures force_figures(const EvenTrial& movement, const std::vector<Vec3>& force) {
   ForceFigures figures;
   const auto moves = [&](std::size_t i) { return movement.speed[i] >= movement.slow; };
   const auto across = [&](std::size_t i) {
@@ -160,22 +153,22 @@ ForceFigures force_figures(const Movement& movement, const std::vector<Vec3>& fo
     return (force[i] - along.dot(force[i]) * along).norm();
   };
   const auto power = [&](std::size_t i) { return force[i].dot(movement.velocity[i]); };
-  const double time = movement.integral([](std::size_t) { return 1; });
-  const double moving = movement.integral([&](std::size_t i) { return moves(i) ? 1 : 0; });
-  figures.mean = movement.integral([&](std::size_t i) { return force[i].norm(); }) / time;
-  figures.mean_across = movement.integral([&](std::size_t i) { return moves(i) ? across(i) : 0; }) / moving;
-  figures.assist = movement.integral([&](std::size_t i) { return std::max(power(i), 0.0); });
-  figures.resist = movement.integral([&](std::size_t i) { return std::max(-power(i), 0.0); });
+  const double time = integral(movement, [](std::size_t) { return 1; });
+  const double moving = integral(movement, [&](std::size_t i) { return moves(i) ? 1 : 0; });
+  figures.mean = integral(movement, [&](std::size_t i) { return force[i].norm(); }) / time;
+  figures.mean_across = integral(movement, [&](std::size_t i) { return moves(i) ? across(i) : 0; }) / moving;
+  figures.assist = integral(movement, [&](std::size_t i) { return std::max(power(i), 0.0); });
+  figures.resist = integral(movement, [&](std::size_t i) { return std::max(-power(i), 0.0); });
   return figures;
 }
 
-double person_work(const Movement& movement, const PlantModel& plant, const ForceFigures& device) {
+double person_work(const EvenTrial& movement, const PlantModel& plant, const ForceFigures& device) {
   const auto kinetic = [&](std::size_t i) { return 0.5 * plant.mass.dot(movement.velocity[i].cwiseAbs2()); };
-  const double friction = movement.integral([&](std::size_t i) {
+  const double friction = integral(movement, [&](std::size_t i) {
     const Vec3& v = movement.velocity[i];
     return plant.viscous.dot(v.cwiseAbs2()) + plant.coulomb.dot(v.cwiseAbs());
   });
-  const double gravity = movement.integral([&](std::size_t i) {
+  const double gravity = integral(movement, [&](std::size_t i) {
     return (plant.gravity + plant.gravity_gradient * movement.position[i]).dot(movement.velocity[i]);
   });
   return kinetic(movement.last) - kinetic(movement.first) + friction - gravity - (device.assist - device.resist);
@@ -217,7 +210,7 @@ void validate(const MovementOptions& options) {
 
 }  // namespace
 
-std::optional<MovementFigures> movement_figures(const Trial& trial, const MovementOptions& options) {
+std::optional<EvenTrial> even_trial(const Trial& trial, const MovementOptions& options) {
   validate(options);
   validate(trial);
   const Column positions(trial.time, trial.position);
@@ -238,14 +231,14 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
     return x;
   };
 
-  Movement movement{.step = grid.step, .position = even(positions)};
+  EvenTrial movement{.step = grid.step, .duration = end - begin, .position = even(positions)};
   movement.velocity = central_differences(movement.position, grid.step);
   std::vector<double>& speed = movement.speed;
   for (const Vec3& v : movement.velocity) speed.push_back(v.norm());
-  const double peak = *std::max_element(speed.begin(), speed.end());
-  if (peak < options.least_speed) return std::nullopt;
+  movement.peak = *std::max_element(speed.begin(), speed.end());
+  if (movement.peak < options.least_speed) return std::nullopt;
 
-  movement.slow = options.threshold * peak;
+  movement.slow = options.threshold * movement.peak;
   const auto moves = [&](double v) { return v >= movement.slow; };
   movement.first = static_cast<std::size_t>(std::find_if(speed.begin(), speed.end(), moves) - speed.begin());
   movement.last = static_cast<std::size_t>(speed.rend() - std::find_if(speed.rbegin(), speed.rend(), moves)) - 1;
@@ -254,34 +247,59 @@ std::optional<MovementFigures> movement_figures(const Trial& trial, const Moveme
     const double u = (movement.slow - speed[slow]) / (speed[fast] - speed[slow]);
     return grid.at(slow) - begin + u * (grid.at(fast) - grid.at(slow));
   };
+  movement.onset = movement.first == 0 ? 0 : crossing(movement.first - 1, movement.first);
+  movement.end = movement.last + 1 == grid.size ? movement.duration : crossing(movement.last + 1, movement.last);
+  const auto covered = [&](std::span<const Vec3> values) -> std::optional<std::vector<Vec3>> {
+    const Column column(trial.time, values);
+    return column.covers(begin, end, options.max_gap) ? std::optional(even(column)) : std::nullopt;
+  };
+  movement.force = covered(trial.force);
+  movement.measured = covered(trial.measured);
+  return movement;
+}
 
+std::size_t first_speed_peak(const EvenTrial& trial, double prominence) {
+  std::size_t highest = trial.first;
+  for (std::size_t i = trial.first; i <= trial.last; ++i) {
+    if (trial.speed[i] > trial.speed[highest]) highest = i;
+    if (trial.speed[i] <= trial.speed[highest] - prominence) break;
+  }
+  return highest;
+}
+
+std::optional<MovementFigures> movement_figures(const Trial& trial, const MovementOptions& options) {
+  const std::optional<EvenTrial> even = even_trial(trial, options);
+  if (!even) return std::nullopt;
+  const EvenTrial& movement = *even;
+  const std::vector<double>& speed = movement.speed;
   MovementFigures figures;
-  figures.duration = end - begin;
-  figures.onset = movement.first == 0 ? 0 : crossing(movement.first - 1, movement.first);
-  figures.end = movement.last + 1 == grid.size ? figures.duration : crossing(movement.last + 1, movement.last);
+  figures.duration = movement.duration;
+  figures.onset = movement.onset;
+  figures.end = movement.end;
   figures.movement_time = figures.end - figures.onset;
   figures.dwell_time = dwell_time(movement);
-  figures.path_length = movement.integral([&](std::size_t i) { return speed[i]; });
+  figures.path_length = integral(movement, [&](std::size_t i) { return speed[i]; });
   figures.mean_speed = figures.path_length / figures.movement_time;
-  figures.peak_speed = peak;
-  figures.speed_peaks = count_peaks(speed, std::max(options.prominence * peak, options.least_speed));
+  figures.peak_speed = movement.peak;
+  figures.speed_peaks = count_peaks(speed, std::max(options.prominence * movement.peak, options.least_speed));
   if (options.reference_length) figures.normalised_length = figures.path_length / *options.reference_length;
 
   const std::span<const double> moving(speed.data() + movement.first, movement.last - movement.first + 1);
-  figures.sparc = sparc_of(moving, grid.step, options);
-  figures.log_jerk = log_dimensionless_jerk(moving, 1 / grid.step);
+  figures.sparc = sparc_of(moving, movement.step, options);
+  figures.log_jerk = log_dimensionless_jerk(moving, 1 / movement.step);
   figures.log_jerk_vector = log_dimensionless_jerk(
-      std::span<const Vec3>(movement.velocity.data() + movement.first, moving.size()), 1 / grid.step);
+      std::span<const Vec3>(movement.velocity.data() + movement.first, moving.size()), 1 / movement.step);
 
-  const auto figures_of = [&](std::span<const Vec3> values) -> std::optional<ForceFigures> {
-    const Column column(trial.time, values);
-    if (!column.covers(begin, end, options.max_gap)) return std::nullopt;
-    ForceFigures result = force_figures(movement, even(column));
-    for (const Vec3& force : column.value) result.peak = std::max(result.peak, force.norm());
+  const auto figures_of = [&](const std::optional<std::vector<Vec3>>& low_passed,
+                              std::span<const Vec3> rows) -> std::optional<ForceFigures> {
+    if (!low_passed) return std::nullopt;
+    ForceFigures result = force_figures(movement, *low_passed);
+    for (const Vec3& force : rows)
+      if (is_finite(force)) result.peak = std::max(result.peak, force.norm());
     return result;
   };
-  figures.force = figures_of(trial.force);
-  figures.measured = figures_of(trial.measured);
+  figures.force = figures_of(movement.force, trial.force);
+  figures.measured = figures_of(movement.measured, trial.measured);
   if (options.plant && figures.force)
     figures.person_work_estimate = person_work(movement, *options.plant, *figures.force);
   return figures;

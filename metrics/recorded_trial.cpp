@@ -4,6 +4,7 @@
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "control/path/path_smoothing.h"
+#include "formats/documents/reach_task.h"
 #include "formats/recording/recording_summary.h"
 #include "metrics/path_alignment.h"
 #include "metrics/time_warping.h"
@@ -12,6 +13,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -32,6 +34,7 @@ Value configured(const nlohmann::json& config, const char* key, Value otherwise)
 }
 
 TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
+  if (header.config.is_object() && header.config.contains("reach")) return TrialKind::reach;
   if (!columns.reference) return TrialKind::free;
   if (!columns.guidance) return TrialKind::passive;
   return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
@@ -119,6 +122,19 @@ std::optional<double> time_in_tunnel(const RecordedTrial& trial, const std::opti
 }
 
 template <auto Member>
+std::optional<double> of_reach(const TrialFigures& figures) {
+  if (!figures.reach) return std::nullopt;
+  return (*figures.reach).*Member;
+}
+
+/// Returns the lateral deviation of a reach of this kind.
+template <ReachKind kind>
+std::optional<double> deviation_of_reach(const TrialFigures& figures) {
+  if (!figures.reach || figures.reach_kind != kind) return std::nullopt;
+  return figures.reach->lateral_deviation;
+}
+
+template <auto Member>
 std::optional<double> of_force(const TrialFigures& figures) {
   if (!figures.movement || !figures.movement->force) return std::nullopt;
   return (*figures.movement->force).*Member;
@@ -158,7 +174,8 @@ constexpr TrialFigure kFigures[] = {
      kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
-     "corners that it cut do, and so do the last 2 mm, at which a repetition ends.",
+     "corners that it cut do, and so do the last 2 mm, at which a repetition ends. Of a reach, the largest share of the "
+     "distance to the target that the hand came.",
      kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
      "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "
@@ -226,6 +243,44 @@ constexpr TrialFigure kFigures[] = {
      "of weight and motors. The estimate is as good as the device's calibration and does not include a hand that "
      "pushes against a wall.",
      kLowPass},
+    {"reaction_time_s", "reaction time", "ms", 1e3, 0, -1, of_reach<&ReachFigures::reaction_time>,
+     "Time from the cue to the start of a reach. The start is the zero of a minimum-jerk movement that is fitted to "
+     "the "
+     "speed between 10 and 60 % of its first maximum (a back-fit after Botzer and Karniel 2009). Undefined below 0.1 s "
+     "and above 1 s. It includes the delay of picture and sound.",
+     kLowPass},
+    {"initial_direction_error_rad", "initial direction error", "degrees", 180 / std::numbers::pi, 1, 0,
+     of_reach<&ReachFigures::initial_direction_error>,
+     "Angle from the direction of the target to the direction from the hand's place at the onset to its place at the "
+     "first maximum of the speed; positive to the left.",
+     kLowPass},
+    {"path_ratio", "path length ratio", "", 1, 2, -1, of_reach<&ReachFigures::path_ratio>,
+     "Length of the hand's path from onset to end over the distance from start to target.", kLowPass},
+    {"lateral_deviation_m", "lateral deviation at peak speed", "mm", 1e3, 1, 0, deviation_of_reach<ReachKind::plain>,
+     "Signed distance from the line through start and target at the largest speed of a reach; positive to the left. "
+     "Undefined in catch trials and clamps.",
+     kLowPass},
+    {"after_effect_m", "after-effect", "mm", 1e3, 1, 0, deviation_of_reach<ReachKind::catch_trial>,
+     "The same in a catch trial, in which the force field is off without a warning. Its sign is opposite to that of a "
+     "deviation that the field causes, in a hand that has learned the field.",
+     kLowPass},
+    {"end_error_m", "end error", "mm", 1e3, 1, -1, of_reach<&ReachFigures::end_error>,
+     "Distance of the hand from the target's centre at the end of the reach.", kLowPass},
+    {"adaptation_index", "adaptation index", "", 1, 2, 0, of_reach<&ReachFigures::adaptation_index>,
+     "Of an error clamp: sum(F_m F_i) / sum(F_i^2) from onset to end. F_m is the lateral force of the channel, "
+     "measured "
+     "if the recording has it, else as sent; F_i is the lateral force of the field at the speed along the reach. 1: "
+     "the "
+     "hand compensates for the whole field. A channel of k N/m shows k / (k + K) of this on an arm of K N/m. Undefined "
+     "if the lateral play is above 3 mm.",
+     kLowPass},
+    {"adaptation_r", "correlation of the clamp's force", "", 1, 2, 0, of_reach<&ReachFigures::adaptation_r>,
+     "Pearson correlation of F_m and F_i of the adaptation index.", kLowPass},
+    {"lateral_play_m", "lateral play of a clamp", "mm", 1e3, 1, -1,
+     [](const TrialFigures& f) {
+       return f.reach && f.reach_kind == ReachKind::clamp ? std::optional(f.reach->lateral_play) : std::nullopt;
+     },
+     "Largest distance from the line through start and target in an error clamp, from onset to end.", kLowPass},
 };
 
 }  // namespace
@@ -241,6 +296,10 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
   if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
 
+  std::optional<ReachTrial> reach;
+  if (kind_of(header, columns) == TrialKind::reach)
+    reach = reach_trial_from(JsonReader(header.config["reach"], file + ": reach"));
+
   std::vector<RecordedTrial> trials;
   bool in_trial = false;
   constexpr std::uint64_t kRowsAtOnce = 65'536;
@@ -253,7 +312,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       if (!in_trial) {
         trials.push_back({.kind = kind_of(header, columns),
                           .repetition = static_cast<int>(trials.size()) + 1,
-                          .force_scale = scale});
+                          .force_scale = scale,
+                          .reach = reach});
         in_trial = true;
       }
       RecordedTrial& trial = trials.back();
@@ -350,13 +410,32 @@ void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const T
 
 }  // namespace
 
+namespace {
+
+/// Returns the share of the distance to the target that the hand came; nothing without positions.
+std::optional<double> completion_of_reach(const ReachGeometry& geometry, std::span<const Vec3> positions) {
+  std::optional<double> farthest;
+  for (const Vec3& p : positions)
+    if (p.allFinite())
+      farthest = std::max(farthest.value_or(0), (p - geometry.start).dot(geometry.along()) / geometry.distance());
+  return farthest ? std::optional(std::min(1.0, *farthest)) : std::nullopt;
+}
+
+}  // namespace
+
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
                            const std::optional<PlantModel>& plant, const PathAlignment* aligned) {
   TrialFigures figures{.duration = trial.time.empty() ? 0 : trial.time.back() - trial.time.front(),
                        .samples = trial.time.size()};
   MovementOptions movement{.plant = plant};
   PathAlignment own;
-  if (path && path->curve.length() > 0) {
+  if (trial.reach) {
+    figures.reach = reach_figures(
+        {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured},
+        *trial.reach);
+    figures.reach_kind = trial.reach->kind;
+    figures.completion = completion_of_reach(trial.reach->geometry, trial.position);
+  } else if (path && path->curve.length() > 0) {
     if (aligned == nullptr) own = align_with_path(path->curve, trial.position);
     const PathAlignment& alignment = aligned != nullptr ? *aligned : own;
     const double length = path->curve.length();
@@ -403,6 +482,7 @@ nlohmann::json to_json(const TrialFigures& figures) {
     const std::optional<double> value = figure.value(figures);
     json[figure.name] = value ? json_of_number(*value) : nlohmann::json(nullptr);
   }
+  if (figures.reach && !figures.reach->refused.empty()) json["refused"] = figures.reach->refused;
   return json;
 }
 

@@ -6,6 +6,7 @@
 #include "metrics/deviation.h"
 #include "metrics/movement.h"
 #include "metrics/path_alignment.h"
+#include "metrics/reaching.h"
 
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -21,6 +22,7 @@ enum class TrialKind {
   cursor,   ///< the trainee follows a cursor that moves in its own time
   guided,   ///< the trainee follows a path in their own time, with or without a tunnel
   free,     ///< no path
+  reach,    ///< a reach for a target; the trial begins with the cue
 };
 
 /// One section in the phase run, or a whole recording without such sections. Columns have the length of `time`, or are
@@ -37,6 +39,7 @@ struct RecordedTrial {
   std::vector<double> progress;  ///< arc length of that point [m]
   std::vector<double> radius;    ///< tunnel radius at that point [m]
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
+  std::optional<ReachTrial> reach;  ///< its places and field
 };
 
 inline constexpr std::uint64_t kLongestTrial = 20'000'000;  ///< largest number of rows read into memory
@@ -70,12 +73,15 @@ struct TrialFigures {
   std::optional<double> time_in_tunnel;  ///< fraction of the time, 0 to 1; in a cursor trial, around the cursor
   std::optional<double> helped;          ///< fraction of the time in the tunnel in which the device pushed the hand
                                          ///< along the path, beyond the expert's force; guided trials
-  std::optional<double> completion;      ///< fraction of the path passed, 0 to 1; requires the whole path
+  std::optional<double> completion;      ///< fraction of the path passed, 0 to 1; requires the whole path; of a reach,
+                                         ///< largest fraction of the distance to the target
   std::optional<double> shape_distance;  ///< distance between the whole path and the hand's path (dynamic time warping)
                                          ///< [m]; for trials that reached the end with at most ten times its length
   std::optional<ForceDeviation> force_error;  ///< felt force against the expert's, along the path, if it was replayed
   std::optional<double> peak_force;           ///< largest magnitude of the force of all rows, unfiltered [N]
   std::optional<MovementFigures> movement;
+  std::optional<ReachFigures> reach;  ///< of a reach, which has no metrics of a path
+  ReachKind reach_kind = ReachKind::plain;
 };
 
 /// Computes the metrics of a trial. `plant` is for the estimate of the participant's work. Lengths refer to the part of
@@ -122,7 +128,7 @@ inline constexpr const char* kAlignment =
 nlohmann::json definitions_of_figures();
 
 /// Returns every metric by its name, null where it is undefined, the number of samples and the version of the
-/// definitions.
+/// definitions; `refused` says why an error clamp has no adaptation index.
 nlohmann::json to_json(const TrialFigures& figures);
 
 /// Returns the metric of this name from the output of to_json(); nothing when it is undefined or missing, or when

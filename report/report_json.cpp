@@ -32,6 +32,7 @@ json json_of_trial(const ReportTrial& trial) {
             {"stiffness_n_per_m", json_of_optional(trial.stiffness)},
             {"assistance", json_of_optional(trial.assistance)},
             {"level", json_of_optional(trial.level)}}},
+          {"reach", trial.target.empty() ? json() : json(trial.target)},
           {"figures", std::move(figures)}};
 }
 
@@ -74,6 +75,7 @@ json json_of_exercise(const ReportExercise& exercise) {
             {"finished", exercise.finished()},
             {"partial", exercise.out_of_time()},
             {"metrics", std::move(summaries)}}},
+          {"blocks", to_json(exercise.blocks)},
           {"mode", exercise.mode},
           {"test", exercise.test},
           {"warm_up", exercise.warm_up},

@@ -46,7 +46,7 @@ std::string report_table(const Report& report) {
        {"session", "subject",  "created",           "exercise",   "mode",  "test",       "warm_up",
         "path",    "round",    "repetition",        "attempt",    "began", "file",       "stopped_by",
         "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s", "samples",
-        "rank"})
+        "rank",    "reach"})
     header.add(name);
   for (const TrialFigure& figure : all_trial_figures()) header.add(figure.name);
   std::string table = std::move(header).end();
@@ -66,6 +66,7 @@ std::string report_table(const Report& report) {
         row.add_number(trial.duration);
         row.add_count(static_cast<int>(trial.samples));
         row.add(trial.rank ? fmt::format("{}", *trial.rank) : "");
+        row.add(trial.target);
         for (const std::optional<double>& figure : trial.figures) row.add_number(figure);
         table += std::move(row).end();
       }

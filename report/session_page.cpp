@@ -40,7 +40,8 @@ std::string force_in_words(const ReportSession& session) {
 }
 
 bool is_drawn(const ReportExercise& exercise, std::string_view name) {
-  return name == exercise.figure || name == "movement_time_s" || name == "sparc";
+  return name == exercise.figure || name == "movement_time_s" || name == "sparc" || name == "lateral_deviation_m" ||
+         name == "after_effect_m" || name == "adaptation_index";
 }
 
 /// Returns the name of the participant of a session for the rows of tables; empty if the report has one participant.
@@ -113,6 +114,9 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
   Table table(parent, caption, trials.size());
   table.column("repetition");
   if (named) table.column("participant");
+  const bool targets =
+      std::any_of(trials.begin(), trials.end(), [](const ReportTrial& t) { return !t.target.empty(); });
+  if (targets) table.column("reach");
   if (settings) table.column("rank", true);
   const bool ends = std::any_of(trials.begin(), trials.end(),
                                 [](const ReportTrial& t) { return !t.finished() || !t.missing.empty(); });
@@ -128,6 +132,7 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
     xml_node row = table.row(name);
     if (!trial.finished()) set(row, "class", "stopped");
     if (named) table.text(person);
+    if (targets) table.text(trial.target);
     if (settings) table.number(trial.rank ? fmt::format("{}", *trial.rank) : kUndefined);
     if (ends) table.text(trial.end_in_words() + (trial.missing.empty() ? "" : ", recording missing"));
     if (settings) table.number(fmt::format("{:.1f}", trial.duration));
@@ -157,12 +162,41 @@ void add_trials(xml_node section, const ReportExercise& exercise, const std::str
                   fmt::format("More metrics of {}: every repetition.", exercise.name));
 }
 
+/// Adds the means of the blocks of a reaching exercise.
+void add_blocks(xml_node section, const ReportExercise& exercise) {
+  if (exercise.blocks.empty()) return;
+  Table table(section,
+              fmt::format("Blocks of {}: means over the finished reaches. Deviations are positive to the left of the "
+                          "reach. The change of the after-effect is less the deviation before the first field.",
+                          exercise.name),
+              exercise.blocks.size());
+  table.column("block");
+  table.column("force field");
+  for (const char* title : {"plain reaches", "catch trials", "clamps", "clamps without an index", "reaction time (ms)",
+                            "lateral deviation (mm)", "after-effect (mm)", "its change (mm)", "adaptation index"})
+    table.column(title, true);
+  const auto number = [&](const std::optional<double>& value, double scale, int digits) {
+    table.number(value ? with_minus(fmt::format("{:.{}f}", scale * *value, digits)) : kUndefined);
+  };
+  for (const ReachBlockSummary& block : exercise.blocks) {
+    table.row(block.name.empty() ? "all" : block.name);
+    table.text(block.field ? "on" : "off");
+    for (const std::size_t n : {block.plain, block.catches, block.clamps, block.refused})
+      table.number(fmt::format("{}", n));
+    number(block.reaction_time, 1e3, 0);
+    number(block.lateral_deviation, 1e3, 1);
+    number(block.after_effect, 1e3, 1);
+    number(block.after_effect_change, 1e3, 1);
+    number(block.adaptation_index, 1, 2);
+  }
+}
+
 void add_exercise(xml_node section, const Report& report, const ReportCourse::Point& point, int depth) {
   const ReportExercise& exercise = exercise_of(report, point);
   add(section, heading(depth), exercise.name);
   std::string about = fmt::format("The device {}.", mode_in_words(exercise));
   if (!exercise.path.empty()) about += fmt::format(" Path: {}", exercise.path);
-  if (exercise.path_length > 0)
+  if (exercise.path_length > 0 && exercise.mode != "reach")
     about += fmt::format("{}{:.0f}{}mm long", exercise.path.empty() ? " The path is " : ", ",
                          1e3 * exercise.path_length, kNarrowSpace);
   if (!exercise.path.empty() || exercise.path_length > 0) about += ".";
@@ -183,6 +217,7 @@ void add_exercise(xml_node section, const Report& report, const ReportCourse::Po
   if (changes(exercise))
     set(add(section, "p", "The settings changed between repetitions, so a trend here does not show skill alone."),
         "class", "soft");
+  add_blocks(section, exercise);
   add_trials(section, exercise, person_of(report, point.session));
 }
 
@@ -281,6 +316,7 @@ std::string mode_in_words(const ReportExercise& exercise) {
       {"cursor", "pulled the hand towards a cursor that moves along the path"},
       {"resist", "resisted the movement along the path within a tunnel"},
       {"free", "gave no guidance"},
+      {"reach", "left the hand to reach for targets"},
       {"playback", "played back the path"},
       {"recording", "recorded the movement"}};
   const auto found = kWords.find(exercise.mode);
@@ -296,8 +332,10 @@ std::string with_unit(const TrialFigure& figure) {
 
 bool is_main(std::size_t figure) {
   static const std::set<std::string_view> kMain{
-      "contour_rms_m",   "contour_peak_m", "deviation_rms_m", "time_in_tunnel",    "completion",  "helped_time",
-      "movement_time_s", "sparc",          "speed_peaks",     "force_error_rms_n", "mean_force_n"};
+      "contour_rms_m",       "contour_peak_m",    "deviation_rms_m", "time_in_tunnel",
+      "completion",          "helped_time",       "movement_time_s", "sparc",
+      "speed_peaks",         "force_error_rms_n", "mean_force_n",    "reaction_time_s",
+      "lateral_deviation_m", "after_effect_m",    "end_error_m",     "adaptation_index"};
   return kMain.contains(all_trial_figures()[figure].name);
 }
 

@@ -53,7 +53,7 @@ std::vector<double> expert_force(const DrawnPath& drawn, double scale) {
 
 /// Returns the alignment of a repetition with its path; nothing without a path of some length.
 std::optional<PathAlignment> alignment_of(const RecordedTrial& recorded, const std::optional<DrawnPath>& drawn) {
-  if (!drawn || !(drawn->path.curve.length() > 0)) return std::nullopt;
+  if (recorded.reach || !drawn || !(drawn->path.curve.length() > 0)) return std::nullopt;
   return align_with_path(drawn->path.curve, recorded.position);
 }
 
@@ -272,6 +272,8 @@ std::string mode_of(TrialKind kind, const nlohmann::json& config) {
       return "cursor";
     case TrialKind::guided:
       return configured_text(config, "mode") == "free" ? "free" : "tunnel";
+    case TrialKind::reach:
+      return "reach";
     case TrialKind::free:
       break;
   }
@@ -424,6 +426,7 @@ class Tasks {
 
 std::string path_in_words(const Programme& programme, const Exercise& exercise) {
   std::string text = exercise.path;
+  if (exercise.reach) text = fmt::format("{} targets", exercise.reach->targets.size());
   if (exercise.shape) {
     text = exercise.shape->value("kind", std::string("shape"));
     if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
@@ -439,7 +442,7 @@ void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exerc
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
   if (mode == passive || mode == assisted || mode == cursor) trial.pace = settings.pace;
-  if (mode != passive && mode != free) trial.radius = settings.radius;
+  if (mode != passive && mode != free && mode != reach) trial.radius = settings.radius;
   if (mode != passive && mode != free) trial.stiffness = settings.stiffness;
   if (mode == assisted) trial.assistance = settings.assistance;
   if (exercise.progression && exercise.progression->difficulty) trial.level = settings.level;
@@ -477,6 +480,7 @@ class SessionReading {
       ReportExercise& exercise = session_.exercises[i];
       const Exercise& asked = programme_.exercise(i);
       add_path(exercise, paths_[i], scales_[i]);
+      exercise.blocks = summarise_blocks(programme_, i, log_);
       if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
     return std::move(session_);
@@ -528,7 +532,8 @@ class SessionReading {
                                   .warm_up = i < programme_.warm_up.size(),
                                   .path = path_in_words(programme_, exercise)});
     // Scale of the expert's force as the participant should feel it.
-    const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free;
+    const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free &&
+                        exercise.mode != ExerciseMode::reach;
     scales_[i] = guided ? exercise.force_scale : 0;
     try {
       const Path path = load_path(file(log_.paths[i]));
@@ -552,6 +557,7 @@ class SessionReading {
                       .duration = logged.duration,
                       .figures = values_of(logged.figures)};
     add_settings(trial, logged.settings, programme_.exercise(logged.exercise));
+    if (logged.reach) trial.target = describe(*programme_.exercise(logged.exercise).reach, *logged.reach);
     const std::string place = place_of(session_, logged);
     const std::size_t first = session_.events.size();
     if (!trial.finished() && !trial.out_of_time()) tell_end(trial, place);

@@ -6,6 +6,7 @@
 #include "formats/documents/programme.h"
 #include "formats/documents/session_log.h"
 #include "metrics/learning_curve.h"
+#include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "metrics/touches.h"
 
@@ -34,6 +35,7 @@ struct ReportTrial {
   std::string stopped_by = "finished";  ///< "finished", or the reason of the end; empty if it was not written down
   std::string detail;                   ///< details of the reason, in words
   std::string missing;                  ///< reason why its recording is not drawn; empty when it is
+  std::string target;                   ///< of a reach, in words: its target, block and kind; else empty
   std::optional<double> pace, radius, stiffness, assistance, level;  ///< see TrialSettings
   double duration = 0;                                               ///< [s]
   std::size_t samples = 0;                                           ///< rows of its recording; 0 if it is missing
@@ -86,7 +88,8 @@ struct ReportExercise {
   std::string figure;                ///< primary metric, shown in the summary; empty when none is defined
   bool figure_named = false;         ///< the programme named it
   std::vector<ReportTrial> trials;
-  std::vector<ReportTrend> trends;  ///< for every metric that is defined in a finished repetition
+  std::vector<ReportTrend> trends;        ///< for every metric that is defined in a finished repetition
+  std::vector<ReachBlockSummary> blocks;  ///< of a reaching exercise
 
   [[nodiscard]] std::size_t finished() const;
   [[nodiscard]] std::size_t out_of_time() const;

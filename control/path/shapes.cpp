@@ -196,14 +196,6 @@ constexpr std::array<std::pair<const char*, MakeCurve>, 7> kShapes{{{"square", s
                                                                     {"spiral", spiral},
                                                                     {"script", script}}};
 
-/// Returns the axes of W that point right and up in the plane.
-std::pair<Vec3, Vec3> axes(std::string_view plane) {
-  if (plane == "xy") return {Vec3::UnitX(), Vec3::UnitY()};
-  if (plane == "yz") return {Vec3::UnitY(), Vec3::UnitZ()};
-  if (plane == "zx") return {Vec3::UnitZ(), Vec3::UnitX()};
-  throw input_error(fmt::format("shape: plane is '{}'; it must be xy, yz or zx", plane));
-}
-
 void check_option(const char* option, double value, double least, double most, const char* unit) {
   if (!(value >= least && value <= most))
     throw input_error(
@@ -222,6 +214,13 @@ void check(std::string_view name, const ShapeOptions& o) {
 
 }  // namespace
 
+std::pair<Vec3, Vec3> plane_axes(std::string_view plane) {
+  if (plane == "xy") return {Vec3::UnitX(), Vec3::UnitY()};
+  if (plane == "yz") return {Vec3::UnitY(), Vec3::UnitZ()};
+  if (plane == "zx") return {Vec3::UnitZ(), Vec3::UnitX()};
+  throw input_error(fmt::format("shape: plane is '{}'; it must be xy, yz or zx", plane));
+}
+
 std::vector<std::string> shape_names() {
   std::vector<std::string> names;
   for (const auto& shape : kShapes) names.emplace_back(shape.first);
@@ -233,7 +232,7 @@ Path make_shape(std::string_view name, const ShapeOptions& options) {
   if (shape == kShapes.end())
     throw input_error(fmt::format("shape '{}' is not known; known: {}", name, fmt::join(shape_names(), ", ")));
   check(name, options);
-  const auto [right, up] = axes(options.plane);
+  const auto [right, up] = plane_axes(options.plane);
 
   const double total = options.duration * options.turns, steps = std::max(2.0, std::round(total * options.rate_hz));
   if (steps > kMostSamples)

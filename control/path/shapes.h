@@ -5,6 +5,7 @@
 
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace haptrace {
@@ -22,6 +23,9 @@ struct ShapeOptions {
   double angle = 0;             ///< direction of line and reach in the plane, from the first axis towards the second
   bool constant_speed = false;  ///< from the first sample to the last, instead of minimum-jerk movements along the arc
 };
+
+/// Returns the axes of W that point right and up in the plane "xy", "yz" or "zx". Throws Error(input) for another one.
+std::pair<Vec3, Vec3> plane_axes(std::string_view plane);
 
 /// Returns the names of the shapes:
 ///   square   the frame of Basdogan and Srinivasan's worked example, counterclockwise from its lower left corner; with

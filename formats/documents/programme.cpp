@@ -18,7 +18,8 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<ExerciseMode, 6> kModeNames{"mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free"}};
+constexpr EnumNames<ExerciseMode, 7> kModeNames{"mode",
+                                                {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
 constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
 const std::vector<std::string> kForceNames{"auto", "task", "measured", "sent"};
@@ -29,13 +30,14 @@ constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
 
 using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
-               kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free;
+               kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free,
+               kReach = ExerciseMode::reach;
 
 /// Keys that have a meaning in some modes only. All other keys apply to all modes.
 const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
   static const std::vector<std::pair<std::string, Modes>> keys{
       {"pace", {kPassive, kAssisted, kCursor}},
-      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree}},
+      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree, kReach}},
       {"radius", {kAssisted, kTunnel, kCursor, kResist, kFree}},
       {"stiffness", {kAssisted, kTunnel, kCursor, kResist}},
       {"assist_force", {kAssisted}},
@@ -48,7 +50,10 @@ const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
       {"initiate", {kAssisted, kTunnel, kResist}},
       {"feel", {kAssisted, kTunnel, kCursor, kResist}},
       {"wait", {kCursor}},
-      {"allow_back", {kAssisted, kTunnel, kResist, kFree}}};
+      {"allow_back", {kAssisted, kTunnel, kResist, kFree}},
+      {"catch", {kPassive, kAssisted, kTunnel, kCursor, kResist, kFree}},
+      {"progression", {kPassive, kAssisted, kTunnel, kCursor, kResist, kFree}},
+      {"reach", {kReach}}};
   return keys;
 }
 
@@ -226,6 +231,28 @@ std::optional<BackWallOptions> read_back_wall(JsonReader& owner) {
   return wall;
 }
 
+/// Checks that an exercise has a path, or targets in mode reach.
+void check_places(const JsonReader& reader, const Exercise& exercise) {
+  const int paths = (reader.has("path") ? 1 : 0) + (exercise.shape ? 1 : 0);
+  if (exercise.mode == kReach) {
+    if (paths > 0) throw input_error(reader.where() + ": mode reach has targets and no path; remove path and shape");
+    if (!reader.has("reach"))
+      throw input_error(reader.where() + ": mode reach needs the key reach, with targets; see programme.schema.json");
+  } else if (paths != 1 || (reader.has("path") && exercise.path.empty())) {
+    throw input_error(reader.where() + ": needs either a path (a file) or a shape");
+  }
+}
+
+/// Reads the targets of mode reach. Its blocks state the number of repetitions, if it has any.
+void read_reach(JsonReader& reader, Exercise& exercise) {
+  std::optional<JsonReader> reach = reader.object("reach");
+  if (!reach) return;
+  if (reach->has("blocks") && reader.has("repetitions"))
+    throw input_error(reader.where() + ".repetitions: the blocks state the number of reaches; remove one of the two");
+  exercise.reach = read_reach_task(*reach, exercise.repetitions);
+  exercise.repetitions = exercise.reach->reaches();
+}
+
 Exercise read_exercise(JsonReader reader, const std::string& name) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
@@ -235,16 +262,16 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
     (void)path_of_shape(*shape);
     exercise.shape = reader.value("shape");
   }
-  if (exercise.path.empty() == !exercise.shape)
-    throw input_error(reader.where() + ": needs either a path (a file) or a shape");
   exercise.change = read_change(reader, true);
   reader.require("mode");
   exercise.mode = choose(reader, "mode", kModeNames, kTunnel);
+  check_places(reader, exercise);
   exercise.test = choose(reader, "test", kTestNames, TestLabel::none);
   for (const auto& [key, modes] : keys_of_modes())
     if (reader.has(key)) check_meaning(reader, "", key, exercise.mode);
 
   exercise.repetitions = reader.integer("repetitions", exercise.repetitions, 1, 10'000);
+  read_reach(reader, exercise);
   exercise.rest = reader.number("rest", exercise.rest, 0, 3600);
   exercise.rest_after = reader.number("rest_after", exercise.rest_after, 0, 3600);
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
@@ -307,7 +334,9 @@ void check_order(const Programme& programme, const std::string& where) {
     if (exercise.catch_trial)
       throw input_error(fmt::format("{}: '{}': a warm-up has no catch trials; remove catch", where, exercise.name));
   const auto is_catch = [](const Exercise& exercise) { return exercise.catch_trial; };
-  if (programme.is_random() || std::none_of(programme.exercises.begin(), programme.exercises.end(), is_catch)) return;
+  if (programme.order != TrialOrder::listed ||
+      std::none_of(programme.exercises.begin(), programme.exercises.end(), is_catch))
+    return;
   throw input_error(where +
                     ": catch: catch trials lie at random places, which the order 'listed' does not have; set order to "
                     "blocked or interleaved");
@@ -336,6 +365,7 @@ bool has_tunnel(const Exercise& exercise) {
     const std::optional<ShownShare>& share = exercise.show[static_cast<std::size_t>(part)];
     return share && (share->from > 0 || share->to > 0);
   };
+  if (exercise.mode == ExerciseMode::reach) return false;
   return exercise.mode != ExerciseMode::free || exercise.states_radius || shows(ScreenPart::tunnel) ||
          shows(ScreenPart::score);
 }
@@ -344,7 +374,8 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
   const Exercise& exercise = programme.exercise(i);
   const auto at = static_cast<std::size_t>(part);
   if (exercise.show[at]) return *exercise.show[at];
-  const bool is_test = exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free;
+  const bool is_test =
+      exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free || exercise.mode == ExerciseMode::reach;
   if (is_test && part != ScreenPart::tool && part != ScreenPart::path) return {0, 0};
   return programme.show[at].value_or(ShownShare{});
 }
@@ -368,6 +399,12 @@ ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int
     parts[part] = std::floor(sum(index + 1) + 1e-9) > std::floor(sum(index) + 1e-9);
   }
   return parts;
+}
+
+bool Programme::is_random() const noexcept {
+  const auto reaches = [](const Exercise& exercise) { return exercise.reach.has_value(); };
+  return order != TrialOrder::listed || std::any_of(warm_up.begin(), warm_up.end(), reaches) ||
+         std::any_of(exercises.begin(), exercises.end(), reaches);
 }
 
 double DifficultyRange::at(double level) const {
@@ -399,6 +436,17 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
 
 namespace {
 
+/// Returns the path from the start to each target and back.
+Path path_of_reach(const ReachTask& task) {
+  Path path{.name = "reach"};
+  for (const Vec3& target : task.targets)
+    for (const Vec3& place : {task.start, target}) {
+      path.time.push_back(static_cast<double>(path.time.size()));
+      path.position.push_back(place);
+    }
+  return path;
+}
+
 /// Reads the path of an exercise with the force that it asks for. Without guidance no force is replayed.
 Path load_expert(const Exercise& exercise, const std::filesystem::path& folder) {
   ExpertOptions options = exercise.expert;
@@ -415,9 +463,15 @@ Path load_expert(const Exercise& exercise, const std::filesystem::path& folder) 
 
 }  // namespace
 
+Eigen::Matrix3d turn_of(const Programme& programme, const Exercise& exercise) {
+  const Box nowhere{.min = Vec3::Zero(), .max = Vec3::Zero()};  // the linear part does not depend on the path
+  return (programme.person.of(Vec3::Zero(), nowhere) * exercise.change.of(Vec3::Zero(), nowhere)).turn;
+}
+
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder) {
-  Path path = exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
-                             : load_expert(exercise, folder);
+  Path path = exercise.reach   ? path_of_reach(*exercise.reach)
+              : exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
+                               : load_expert(exercise, folder);
   exercise.change.apply(path);
   programme.person.apply(path);
   return path;

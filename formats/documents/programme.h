@@ -4,6 +4,7 @@
 #include "control/guidance_options.h"
 #include "control/path/path_change.h"
 #include "formats/documents/expert_recording.h"
+#include "formats/documents/reach_task.h"
 
 #include <array>
 #include <cstddef>
@@ -24,6 +25,7 @@ enum class ExerciseMode {
   cursor,    ///< pulls towards a point that moves along the path
   resist,    ///< resists along the path, within a tunnel
   free,      ///< does nothing
+  reach,     ///< leaves the participant to reach for targets, within force fields and channels (ReachTask)
 };
 
 const char* to_string(ExerciseMode mode);
@@ -90,20 +92,23 @@ using ShownShares = std::array<std::optional<ShownShare>, kScreenParts>;
 /// The parts of the screen that one repetition shows, by ScreenPart.
 using ShownParts = std::array<bool, kScreenParts>;
 
-/// One exercise: repetitions of one path.
+/// One exercise: repetitions of one path, or of an assessment that has a mode of its own. An assessment keeps its
+/// settings in an object with the name of its mode, and its places in path_of().
 struct Exercise {
   std::string name;
   std::string path;                     ///< a file, relative to the programme's folder; or
-  std::optional<nlohmann::json> shape;  ///< a shape and its options
+  std::optional<nlohmann::json> shape;  ///< a shape and its options; or
+  std::optional<ReachTask> reach;       ///< targets, in mode reach
   PathChange change;
   ExerciseMode mode = ExerciseMode::tunnel;
   TestLabel test = TestLabel::none;
   int repetitions = 1;
-  double rest = 2;                  ///< pause after each repetition [s]
-  double rest_after = 0;            ///< additional pause after the last repetition [s]
-  double hold = 0.5;                ///< hold at the end of each repetition [s]
-  double pace = 1;                  ///< for passive, assisted and cursor, relative to the path's own pace
-  double time_limit = 0;            ///< of a repetition [s]; 0: five times the path's duration and 10 s
+  double rest = 2;        ///< pause after each repetition [s]
+  double rest_after = 0;  ///< additional pause after the last repetition [s]
+  double hold = 0.5;      ///< hold at the end of each repetition [s]
+  double pace = 1;        ///< for passive, assisted and cursor, relative to the path's own pace
+  /// Time limit of a repetition [s]; 0: five times the path's duration and 10 s, and 3 s for a reach.
+  double time_limit = 0;
   double radius = 5e-3;             ///< of the tunnel [m]
   bool states_radius = false;       ///< `radius` was given
   std::optional<double> stiffness;  ///< [N/m]; absent: the stiffest that is stable on the device
@@ -147,8 +152,8 @@ struct Programme {
   std::vector<Exercise> warm_up;      ///< done once, before the exercises; excluded from comparisons
   std::vector<Exercise> exercises;
 
-  /// Returns true if a seed decides the order of the repetitions.
-  [[nodiscard]] bool is_random() const noexcept { return order != TrialOrder::listed; }
+  /// Returns true if a seed decides the order of the repetitions or of their targets.
+  [[nodiscard]] bool is_random() const noexcept;
   /// Returns the number of exercises. Trials number the warm-up first.
   [[nodiscard]] std::size_t size() const noexcept { return warm_up.size() + exercises.size(); }
   [[nodiscard]] const Exercise& exercise(std::size_t i) const {
@@ -173,7 +178,12 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
 /// one round. The repetitions that show a part are spread evenly, and the same ones in every run of the programme.
 ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int repetition);
 
-/// Returns the path of an exercise for the participant. Files are relative to `folder`. Throws Error(input).
+/// Returns the path of an exercise for the participant. That of a reaching exercise goes from the start to each target
+/// and back, a second each: sample 0 is the start, and sample 2 k + 1 the target k. Files are relative to `folder`.
+/// Throws Error(input).
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder);
+
+/// Returns the linear part of the changes of a reaching exercise and its participant, without the scale.
+Eigen::Matrix3d turn_of(const Programme& programme, const Exercise& exercise);
 
 }  // namespace haptrace

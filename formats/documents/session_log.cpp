@@ -26,6 +26,7 @@ json json_of(const TrialSettings& settings) {
               {"level", settings.level}};
   if (settings.stiffness) result["stiffness"] = *settings.stiffness;
   if (settings.force_scale) result["force_scale"] = *settings.force_scale;
+  if (settings.start_hold) result["start_hold_s"] = *settings.start_hold;
   return result;
 }
 
@@ -36,6 +37,7 @@ TrialSettings settings_from(JsonReader reader) {
                          .level = reader.number("level", 0, 0, 1)};
   if (reader.has("stiffness")) settings.stiffness = reader.number("stiffness", 0, 0, kLongest);
   if (reader.has("force_scale")) settings.force_scale = reader.number("force_scale", 1, 0, kLongest);
+  if (reader.has("start_hold_s")) settings.start_hold = reader.number("start_hold_s", 0, 0, kLongest);
   reader.finish();
   return settings;
 }
@@ -73,6 +75,8 @@ json json_of(const LoggedTrial& trial) {
   if (trial.unattended) result["unattended"] = true;
   if (trial.shown) result["shown"] = json_of(*trial.shown);
   if (trial.initiation) result["initiation"] = haptrace::json_of(*trial.initiation);
+  if (trial.reach) result["reach"] = haptrace::json_of(*trial.reach);
+  if (trial.places) result["places"] = haptrace::json_of(*trial.places);
   return result;
 }
 
@@ -115,6 +119,8 @@ LoggedTrial trial_from(JsonReader& reader) {
   if (std::optional<JsonReader> shown = reader.object("shown")) trial.shown = shown_from(*shown);
   if (std::optional<JsonReader> initiation = reader.object("initiation"))
     trial.initiation = initiation_from(*initiation);
+  if (std::optional<JsonReader> reach = reader.object("reach")) trial.reach = planned_reach_from(*reach);
+  if (std::optional<JsonReader> places = reader.object("places")) trial.places = reach_trial_from(*places);
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");
   if (!trial.figures.is_null() && !trial.figures.is_object())
@@ -154,12 +160,26 @@ void check_exercise(const JsonReader& reader, std::size_t exercise, const Progra
         fmt::format("{}.exercise: is out of range; the number of exercises is {}", reader.where(), programme.size()));
 }
 
+/// Checks that a reach belongs to its exercise.
+void check_reach(const JsonReader& reader, const std::optional<PlannedReach>& reach, const Exercise& exercise) {
+  if (reach.has_value() != exercise.reach.has_value())
+    throw input_error(fmt::format("{}.reach: '{}' {} exercise in mode reach", reader.where(), exercise.name,
+                                  exercise.reach ? "is an" : "is no"));
+  if (reach && (static_cast<std::size_t>(reach->target) >= exercise.reach->targets.size() ||
+                static_cast<std::size_t>(reach->block) >= exercise.reach->blocks.size()))
+    throw input_error(
+        fmt::format("{}.reach: target {} or block {} is out of range", reader.where(), reach->target, reach->block));
+}
+
 PlannedTrial planned_from(JsonReader& reader, const Programme& programme) {
-  const PlannedTrial trial{.exercise = static_cast<std::size_t>(reader.integer("exercise", 0, 0, 1 << 30)),
-                           .round = reader.integer("round", 1, 1, 1 << 30),
-                           .repetition = reader.integer("repetition", 1, 1, 1 << 30)};
+  PlannedTrial trial{.exercise = static_cast<std::size_t>(reader.integer("exercise", 0, 0, 1 << 30)),
+                     .round = reader.integer("round", 1, 1, 1 << 30),
+                     .repetition = reader.integer("repetition", 1, 1, 1 << 30),
+                     .reach = {}};
+  if (std::optional<JsonReader> reach = reader.object("reach")) trial.reach = planned_reach_from(*reach);
   reader.finish();
   check_exercise(reader, trial.exercise, programme);
+  check_reach(reader, trial.reach, programme.exercise(trial.exercise));
   return trial;
 }
 
@@ -205,9 +225,11 @@ void save_session_log(const SessionLog& log, const std::string& folder) {
               {"complete", log.complete}};
   if (!log.schedule.empty()) {
     result["schedule"] = json::array();
-    for (const PlannedTrial& trial : log.schedule)
+    for (const PlannedTrial& trial : log.schedule) {
       result["schedule"].push_back(
           {{"exercise", trial.exercise}, {"round", trial.round}, {"repetition", trial.repetition}});
+      if (trial.reach) result["schedule"].back()["reach"] = haptrace::json_of(*trial.reach);
+    }
     result["generator"] = log.generator;
   }
   for (const Sitting& sitting : log.sittings) result["sittings"].push_back(json_of(sitting));
@@ -241,6 +263,7 @@ SessionLog load_session_log(const std::string& where) {
   for (JsonReader& one : reader.objects("trials")) {
     log.trials.push_back(trial_from(one));
     check_exercise(one, log.trials.back().exercise, programme);
+    check_reach(one, log.trials.back().reach, programme.exercise(log.trials.back().exercise));
   }
   log.complete = reader.boolean("complete", false);
   reader.finish();

@@ -21,6 +21,7 @@ struct TrialSettings {
   double assistance = 1;              ///< 0 to 1
   double level = 0;                   ///< of difficulty, 0 to 1
   std::optional<double> force_scale;  ///< factor on the expert's force, if a command changed it
+  std::optional<double> start_hold;   ///< of a reach: hold in the start before the cue [s]
 
   bool operator==(const TrialSettings&) const = default;
 };
@@ -43,6 +44,8 @@ struct LoggedTrial {
   std::vector<std::string> notices;
   nlohmann::json figures;                ///< to_json(TrialFigures); null if it was stopped
   std::optional<Initiation> initiation;  ///< with a back wall
+  std::optional<PlannedReach> reach;     ///< of an exercise in mode reach
+  std::optional<ReachTrial> places;      ///< its places and field, as they were used
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
   [[nodiscard]] bool skipped() const { return stopped_by == "skipped"; }  ///< by a command
@@ -71,6 +74,7 @@ struct Sitting {
 struct PlannedTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
+  std::optional<PlannedReach> reach;  ///< of an exercise in mode reach
 
   bool operator==(const PlannedTrial&) const = default;
 };

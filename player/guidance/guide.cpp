@@ -232,6 +232,14 @@ bool is_better(const GuideFigures& a, const GuideFigures& b) {
   return a.partial ? a.completion > b.completion : a.tracking.rms_error < b.tracking.rms_error;
 }
 
+double largest_stable_stiffness(const std::optional<IdentifiedDevice>& identified, double rate_hz, double delay) {
+  double damping = 1;
+  if (identified)
+    for (int axis = 0; axis < 3; ++axis)
+      if (identified->plant.mass[axis] > 0) damping = std::min(damping, std::max(identified->plant.viscous[axis], 0.2));
+  return largest_wall_stiffness(rate_hz, delay, damping);
+}
+
 GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
                         const GuideOptions& options) {
   validate(options.guidance);
@@ -273,12 +281,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   plan.wall_force = device.max_force > 0 ? 0.8 * device.max_force : 5;
   if (options.session.loop.limits.max_force > 0)
     plan.wall_force = std::min(plan.wall_force, 0.8 * options.session.loop.limits.max_force);
-  double damping = 1;
-  if (options.identified)
-    for (int axis = 0; axis < 3; ++axis)
-      if (options.identified->plant.mass[axis] > 0)
-        damping = std::min(damping, std::max(options.identified->plant.viscous[axis], 0.2));
-  const double bears = largest_wall_stiffness(options.session.loop.rate_hz, plan.delay, damping);
+  const double bears = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.delay);
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
   plan.largest_stiffness = options.expert ? 1e6 : bears;
   if (plan.stiffness > bears && !options.expert) {

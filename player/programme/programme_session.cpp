@@ -9,12 +9,15 @@
 #include "control/path/min_jerk.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
+#include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
 #include "player/device_path.h"
 #include "player/guidance/guide.h"
 #include "player/playback/playback.h"
 #include "player/programme/progression.h"
+#include "player/programme/reach_order.h"
+#include "player/programme/reach_session.h"
 #include "player/programme/trial_order.h"
 
 #include <algorithm>
@@ -22,6 +25,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
+#include <iterator>
 #include <random>
 #include <set>
 #include <thread>
@@ -37,6 +41,8 @@ constexpr double kGuidedTimes = 5;                // time limit of a repetition,
 constexpr double kGuidedGrace = 10;               // ... plus this [s]
 constexpr const char* kForceDose = "force_dose";  // end of a sitting, and of the repetition in which it happened
 constexpr double kLeastAssistance = 0.01;         // below this there is no assistance
+constexpr double kReachLimit = 3;                 // time limit of a reach that states none [s]
+constexpr double kUsualReach = 0.6;               // duration of a straight reach, for plans and simulated hands [s]
 
 std::string now_text() {
   return rfc3339(std::chrono::system_clock::now());
@@ -94,7 +100,7 @@ class TrialWatch final : public SampleSink {
 ScheduledTrial scheduled(const Programme& programme, const PlannedTrial& trial) {
   const Exercise& exercise = programme.exercise(trial.exercise);
   return {trial.exercise, trial.round, trial.repetition,
-          exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0)};
+          exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0), trial.reach};
 }
 
 double length_of(const Path& path) {
@@ -104,11 +110,18 @@ double length_of(const Path& path) {
 }
 
 double time_limit_of(const Exercise& exercise, double path_duration) {
+  if (exercise.reach) return exercise.time_limit > 0 ? exercise.time_limit : kReachLimit;
   return exercise.time_limit > 0 ? exercise.time_limit : kGuidedTimes * path_duration + kGuidedGrace;
 }
 
 /// Returns the expected duration of a repetition [s].
 double expected_time(const Exercise& exercise, const Path& path) {
+  if (exercise.reach) {
+    const ReachTask& task = *exercise.reach;
+    constexpr double kReaction = 0.3, kBack = 1;  // [s]
+    return kBack + 0.5 * (task.least_start_hold + task.most_start_hold) + kReaction + kUsualReach + task.target_hold +
+           exercise.hold;
+  }
   const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
                         exercise.mode == ExerciseMode::cursor;
   const double way_back = (path.position.front() - path.position.back()).norm();
@@ -128,6 +141,29 @@ std::optional<std::string> note_on_catch_trials(const Programme& programme) {
   if (catches <= kMost * all) return std::nullopt;
   return fmt::format("{} of {} repetitions of a round are catch trials; above 20 % they disturb what the others teach",
                      catches, all);
+}
+
+/// Returns the index of a target in the path of a reaching exercise, see path_of().
+std::size_t place_of_target(int target) {
+  return 2 * static_cast<std::size_t>(target) + 1;
+}
+
+/// Returns the file of the straight movement to a target, beside the exercise's path.
+std::string movement_file(const std::string& path, int target) {
+  return (fs::path(path).parent_path() / fmt::format("{}-target-{}.h5", fs::path(path).stem().string(), target + 1))
+      .string();
+}
+
+/// Returns a minimum-jerk movement from the start to a target. A simulated hand can intend it.
+Path movement_to(const Path& places, int target) {
+  constexpr double kStep = 0.01;  // [s]
+  const Vec3 start = places.position.front(), way = places.position.at(place_of_target(target)) - start;
+  Path path{.name = fmt::format("target {}", target + 1)};
+  for (int i = 0; i * kStep <= kUsualReach + 0.5 * kStep; ++i) {
+    path.time.push_back(i * kStep);
+    path.position.push_back(start + MinJerk::at(i * kStep / kUsualReach).s * way);
+  }
+  return path;
 }
 
 /// Fits all paths with one transformation, so that they keep their positions relative to each other.
@@ -383,10 +419,13 @@ class ProgrammeRun {
                       .settings = states_[i].settings(),
                       .began = now_text(),
                       .shown = shown_parts(programme_, i, scheduled.round, scheduled.repetition)};
+    if (exercise.reach) place_reach(scheduled, trial);
     const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
     if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
-    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(log().paths[i]));
+    const std::shared_ptr<Device> device =
+        options_.open(exercise, trial.settings,
+                      trial.reach ? file(movement_file(log().paths[i], trial.reach->target)) : file(log().paths[i]));
     check(device->info());
     if (steering_of(*device) != nullptr) trial.input = kIntentOfView;
     log().trials.push_back(trial);
@@ -397,8 +436,7 @@ class ProgrammeRun {
     const double limit = programme_.limits.force_dose;
     TrialWatch watch(limit > 0 ? limit - sitting().force_dose : 0, end);
     LiveSession::Trial commanded(options_.live, end, trial.file);
-    TrialRun run = exercise.mode == ExerciseMode::passive ? move(*device, exercise, trial, watch, end)
-                                                          : guide_trial(*device, exercise, trial, watch, end);
+    TrialRun run = run_mode(*device, exercise, trial, watch, end);
     const LiveSession::TrialEnd end_of_trial = commanded.finish();
     trial.unattended = end_of_trial.unattended;
     // A note that concerns the device rather than the trial is reported once.
@@ -418,20 +456,26 @@ class ProgrammeRun {
       trial.stopped_by = "skipped";
     trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
     trial.initiation = run.initiation;
-    if (exercise.mode != ExerciseMode::passive) {
+    if (exercise.mode != ExerciseMode::passive && !exercise.reach) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
     }
-    if (trial.done() && !trial.skipped()) {
-      trial.figures = figures_of(trial);
-      if (measures(trial)) states_[i].learn(trial);
-    }
+    measure(trial);
     sitting().duration += trial.duration;
     sitting().force_dose += trial.force_dose;
     log().trials.back() = std::move(trial);
     save();
     result_.last = std::move(run.session);
     return *result_.last;
+  }
+
+  /// Computes the metrics of a repetition that was done, and updates the progression.
+  void measure(LoggedTrial& trial) {
+    if (!trial.done() || trial.skipped()) return;
+    trial.figures = figures_of(trial);
+    if (trial.figures.is_object() && trial.figures.contains("refused"))
+      trial.notices.push_back(trial.figures["refused"].get<std::string>());
+    if (measures(trial)) states_[trial.exercise].learn(trial);
   }
 
   /// Logs the values that commands put in force.
@@ -492,6 +536,68 @@ class ProgrammeRun {
     // The recording's config holds the options of every command that runs a session, and those of this trial.
     recording.config.update(config);
     return session;
+  }
+
+  /// Runs a repetition in the way of its mode. A further kind of exercise adds a case here.
+  TrialRun run_mode(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
+                    const StopRequest& stop) {
+    switch (exercise.mode) {
+      case ExerciseMode::passive:
+        return move(device, exercise, trial, watch, stop);
+      case ExerciseMode::reach:
+        return reach_target(device, exercise, trial, watch, stop);
+      default:
+        return guide_trial(device, exercise, trial, watch, stop);
+    }
+  }
+
+  /// Sets the target, the kind and the places of a reach.
+  void place_reach(const ScheduledTrial& scheduled, LoggedTrial& trial) const {
+    const Exercise& exercise = programme_.exercise(trial.exercise);
+    trial.reach = scheduled.reach;
+    trial.settings.start_hold = scheduled.reach->start_hold;
+    const std::vector<Vec3>& places = paths_[trial.exercise].position;
+    trial.places = reach_trial(*exercise.reach, *scheduled.reach, turn_of(programme_, exercise), places.front(),
+                               places.at(place_of_target(scheduled.reach->target)));
+  }
+
+  /// Adds the texts that no earlier repetition had to the warnings of a session.
+  void warn_once(SessionOptions& session, Severity severity, const std::vector<std::string>& texts) {
+    std::vector<std::string> fresh;
+    std::copy_if(texts.begin(), texts.end(), std::back_inserter(fresh),
+                 [&](const std::string& text) { return told_.insert(text).second; });
+    session.also_warn(
+        [warnings = known_warnings(severity, "reach", fresh)]() mutable { return std::exchange(warnings, {}); });
+  }
+
+  TrialRun reach_target(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
+                        const StopRequest& stop) {
+    const ReachTask& task = *exercise.reach;
+    ReachOptions options{.trial = *trial.places,
+                         .course = {.start_hold = trial.reach->start_hold,
+                                    .target_hold = task.target_hold,
+                                    .time_limit = time_limit_of(exercise, 0),
+                                    .hold = exercise.hold,
+                                    .pull = task.pull,
+                                    .approach_speed = kApproachSpeed,
+                                    .max_deviation = options_.max_deviation},
+                         .clamp_stiffness = task.clamp.stiffness,
+                         .clamp_damping = task.clamp.damping,
+                         .break_out = task.clamp.break_out,
+                         .energy = task.energy,
+                         .shortest_start_hold = task.least_start_hold,
+                         .identified = identified_,
+                         .sinks = {&watch},
+                         .live = options_.live};
+    options.session = session_for(device.info(), exercise, trial, watch,
+                                  {{"verb", "run"}, {"mode", "reach"}, {"reach", json_of(*trial.places)}});
+    if (options_.live != nullptr) options_.live->begin_unguided("no tunnel and no help act in a reach");
+    const ReachPlan plan = plan_reach(device.info(), options);
+    warn_once(options.session, Severity::note, plan.notes);
+    warn_once(options.session, Severity::warning, plan.warnings);
+    TrialRun run{reach(device, plan, options, stop, progress_), {}, {}, {}};
+    if (plan.forces.clamp) run.stiffness = plan.forces.clamp->stiffness;
+    return run;
   }
 
   TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
@@ -622,15 +728,34 @@ class ProgrammeRun {
 
 }  // namespace
 
+namespace {
+
+/// Draws the reaches of every exercise and round, after the order, which does not depend on them.
+void add_reaches(const Programme& programme, OrderDraw& draw, std::vector<ScheduledTrial>& trials) {
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    if (!programme.exercise(i).reach) continue;
+    const int rounds = i < programme.warm_up.size() ? 1 : programme.rounds;
+    for (int round = 1; round <= rounds; ++round) {
+      const std::vector<PlannedReach> reaches = order_of_reaches(*programme.exercise(i).reach, draw);
+      for (ScheduledTrial& trial : trials)
+        if (trial.exercise == i && trial.round == round)
+          trial.reach = reaches.at(static_cast<std::size_t>(trial.repetition) - 1);
+    }
+  }
+}
+
+}  // namespace
+
 std::vector<ScheduledTrial> schedule(const Programme& programme) {
   std::vector<ScheduledTrial> trials;
   for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
     for (int repetition = 1; repetition <= programme.warm_up[i].repetitions; ++repetition)
-      trials.push_back(scheduled(programme, {i, 1, repetition}));
+      trials.push_back(scheduled(programme, {i, 1, repetition, {}}));
   OrderDraw draw(programme.seed.value_or(0));
   for (int round = 1; round <= programme.rounds; ++round)
     for (const OrderedTrial& trial : order_of_round(programme, draw))
-      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition}));
+      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition, {}}));
+  add_reaches(programme, draw, trials);
   if (!trials.empty()) trials.back().rest = 0;
   return trials;
 }
@@ -663,10 +788,11 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
       throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
                                     exercise.name, to_string(exercise.mode)));
-    plan.parts.push_back({.path_length = length_of(path),
-                          .path_duration = path.duration(),
-                          .trial = expected_time(exercise, path),
-                          .fit = fitted});
+    plan.parts.push_back(
+        {.path_length = exercise.reach ? (path.position[1] - path.position[0]).norm() : length_of(path),
+         .path_duration = exercise.reach ? kUsualReach : path.duration(),
+         .trial = expected_time(exercise, path),
+         .fit = fitted});
   }
   double warm_up = 0;
   for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
@@ -708,7 +834,7 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
   const Programme read = programme_from_json(log.programme, where);
   if (read.is_random()) {
     for (const ScheduledTrial& trial : schedule(read))
-      log.schedule.push_back({trial.exercise, trial.round, trial.repetition});
+      log.schedule.push_back({trial.exercise, trial.round, trial.repetition, trial.reach});
     log.generator = OrderDraw::kName;
   }
   if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
@@ -725,6 +851,10 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
       const std::string name = read.exercise(i).name;
       log.paths.push_back(fmt::format("paths/{:02}-{}.h5", i + 1, file_name(name)));
       save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
+      if (!read.exercise(i).reach) continue;
+      for (int target = 0; target < static_cast<int>(read.exercise(i).reach->targets.size()); ++target)
+        save_path(movement_to(plan.paths[i], target), (folder / movement_file(log.paths.back(), target)).string(),
+                  fmt::format("{}, target {}", name, target + 1), false);
     }
     if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
     save_session_log(log, options.folder);
@@ -779,8 +909,13 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"stopped_by", trial.stopped_by},
                               {"partial", trial.partial()},
                               {"initiation", trial.initiation ? json_of(*trial.initiation) : nlohmann::json()},
+                              {"reach", trial.reach ? json_of(*trial.reach) : nlohmann::json()},
                               {"unattended", trial.unattended},
                               {"figures", trial.figures}});
+  for (std::size_t i = 0; i < programme.size(); ++i)
+    if (programme.exercise(i).reach)
+      json["reaching"].push_back(
+          {{"exercise", programme.exercise(i).name}, {"blocks", to_json(summarise_blocks(programme, i, log))}});
   if (!log.sittings.empty()) {
     const Sitting& sitting = log.sittings.back();
     json["sitting"] = {

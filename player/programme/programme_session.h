@@ -17,7 +17,8 @@ namespace haptrace {
 struct ScheduledTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
-  double rest = 0;  ///< rest after the repetition [s]
+  double rest = 0;                    ///< rest after the repetition [s]
+  std::optional<PlannedReach> reach;  ///< of an exercise in mode reach
 };
 
 /// One repetition, as it is announced to a trainee.
@@ -30,8 +31,9 @@ struct TrainingTrial {
 };
 
 /// Returns every repetition in order: the warm-up once, then the exercises, round by round, as the programme's order
-/// asks (trial_order.h); a random order without a seed takes that of seed 0. The last repetition has no rest. Throws
-/// Error(input) like order_of_round().
+/// asks (trial_order.h); a random order without a seed takes that of seed 0. The same generator then draws the reaches
+/// of every exercise and round (reach_order.h). The last repetition has no rest. Throws Error(input) like
+/// order_of_round() and order_of_reaches().
 std::vector<ScheduledTrial> schedule(const Programme& programme);
 
 /// Returns the same with a seed drawn from the operating system, if the programme needs one and states none.
@@ -63,7 +65,8 @@ struct ProgrammeOptions {
   std::optional<DeviceProfile> profile;  ///< profile of a calibrated device; a resumed session has its own
   double max_deviation = 0.1;            ///< distance from the path or reference beyond which the session stops [m]
 
-  /// Returns the device for a trial of `exercise` along `path`. May return the same device again.
+  /// Returns the device for a trial of `exercise` along `path`, a file: in mode reach, of the straight movement to the
+  /// target. May return the same device again.
   std::function<std::shared_ptr<Device>(const Exercise& exercise, const TrialSettings& settings,
                                         const std::string& path)>
       open;

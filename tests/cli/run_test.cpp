@@ -1,3 +1,4 @@
+#include "base/json_reader.h"
 #include "formats/documents/session_log.h"
 #include "tests/cli/command.h"
 
@@ -61,6 +62,34 @@ TEST(RunCommand, RunsTheSampleProgrammes) {
     for (const LoggedTrial& trial : log.trials)
       EXPECT_TRUE(std::filesystem::exists(session + "/" + trial.file)) << trial.file;
   }
+}
+
+TEST(RunCommand, RunsReachesInAForceFieldAndReportsThem) {
+  const TempFolder folder;
+  nlohmann::json sample = load_json(HAPTRACE_SAMPLES "/programmes/field.json");
+  sample["exercises"][0]["reach"]["blocks"] = {{{"name", "baseline"}, {"reaches", 2}},
+                                               {{"name", "field"}, {"reaches", 8}, {"field", true}, {"clamps", 0.125}}};
+  const std::string session = folder / "session";
+  const Answer answer = haptrace("run", folder.write("field.json", sample.dump()), "--device",
+                                 "sim:preset=falcon,hand=firm,intent={path}", "-o", session, "--json");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("1 of 10: centre-out, repetition 1 (target "), HasSubstr(", clamp"),
+                                HasSubstr("lateral deviation at peak speed")));
+  const nlohmann::json json = answer.json();
+  ASSERT_EQ(json["trials"].size(), 10U);
+  for (const nlohmann::json& trial : json["trials"]) {
+    EXPECT_EQ(trial["stopped_by"], "finished") << trial;
+    EXPECT_TRUE(trial["figures"]["reaction_time_s"].is_number()) << trial;
+  }
+  const nlohmann::json blocks = json["reaching"][0]["blocks"];
+  EXPECT_EQ(blocks[1]["name"], "field");
+  EXPECT_LT(blocks[1]["lateral_deviation_m"].get<double>(), blocks[0]["lateral_deviation_m"].get<double>())
+      << "the field pushes to the right";
+  const Answer report = haptrace("report", session, "--csv", folder / "trials.csv", "-o", folder / "page.html");
+  EXPECT_EQ(report.exit_code, 0) << report.err;
+  EXPECT_THAT(test::read_bytes(folder / "trials.csv"), HasSubstr("clamp"));
+  EXPECT_THAT(test::read_bytes(folder / "page.html"),
+              AllOf(HasSubstr("after-effect"), HasSubstr("Blocks of centre-out")));
 }
 
 TEST(RunCommand, KeepsTheConfigurationOfItsTrialInEveryRecording) {

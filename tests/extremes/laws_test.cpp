@@ -6,6 +6,7 @@
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/place_tracker.h"
+#include "control/reach_forces.h"
 #include "tests/extremes/support.h"
 
 #include <fmt/format.h>
@@ -97,6 +98,32 @@ TEST(Laws, WithstandAnyAmplitudeRateAndDeviceInMonitorsAndTheGuard) {
             ASSERT_TRUE(std::isfinite(guard.summary().worst_ripple));
             ASSERT_GE(guard.summary().share, 0.01);
             ASSERT_LE(guard.summary().share, 1);
+          }
+        }
+}
+
+TEST(Laws, ReachThroughAnyFieldAndClampAtAnySpeed) {
+  for (const double gain : {0., 1e-9, 13., 1e3})
+    for (const double stiffness : {0., 1., 1e6})
+      for (const double speed : {0., 1e-300, 1e-3, 1e3, 1e150})
+        for (const double step : {0., 1e-9, 1e-3, 10.}) {
+          SCOPED_TRACE(fmt::format("{} N s/m, {} N/m, {} m/s, {} s", gain, stiffness, speed, step));
+          ReachForces::Options options{.field = curl_field(gain, Vec3::UnitZ()), .max_force = 8};
+          if (stiffness > 0) options.clamp = ClampOptions{.stiffness = stiffness, .damping = gain};
+          ReachForces forces({.target = Vec3(0.1, 0, 0)}, options);
+          Vec3 sent = Vec3::Zero();
+          for (int i = 0; i < 300; ++i) {
+            const State state{.dt = step,
+                              .position = Vec3(1e-3 * i, 1e-4 * (i % 20), 0),
+                              .velocity = Vec3(speed, speed, 0),
+                              .force_applied = sent};
+            const Vec3 force = forces.update(state, i < 200, 1, true);
+            ASSERT_TRUE(is_finite(force)) << "tick " << i;
+            ASSERT_TRUE(std::isfinite(forces.tank().level()));
+            if (stiffness == 0 && forces.tank().level() > 0) {
+              ASSERT_LE(force.stableNorm(), 8 * (1 + 1e-12));
+            }
+            sent = force.stableNorm() > 8 ? Vec3(8 / force.stableNorm() * force) : force;
           }
         }
 }

@@ -1,7 +1,8 @@
 # Computes the metrics of one recording from their definitions, with h5py and numpy alone, and compares them with those
 # that haptrace printed. Prints every difference beyond one per cent; prints nothing when all agree.
 #   recompute.py RECORDING.h5 PRINTED.json
-# PRINTED.json: {"figures": {...}, "plant": {"mass": [3], "viscous": [3], "coulomb": [3], "gravity": [3]}}
+# PRINTED.json: {"figures": {...}, "plant": {"mass": [3], "viscous": [3], "coulomb": [3], "gravity": [3]},
+#                "reach": {...}}, the last one as in the recording's config, for a reach only
 import json
 import sys
 
@@ -174,6 +175,43 @@ def add_movement(out, t, x, force, plant, covered):
                                      - out["assist_work_j"] + out["resist_work_j"])
 
 
+def add_reach(out, t, x, force, reach):  # the trial begins with the cue
+    p, step = low_passed(t, x)
+    v = np.gradient(p, step, axis=0)
+    speed = norms(v)
+    fast = np.nonzero(speed >= 0.05 * speed.max())[0]
+    first, last = fast[0], fast[-1]
+    top = first
+    for i in range(first, last + 1):
+        if speed[i] > speed[top]:
+            top = i
+        if speed[i] <= speed[top] - max(0.05 * speed.max(), 2e-3):
+            break
+    rise = np.arange(top)[(speed[:top] >= 0.1 * speed[top]) & (speed[:top] <= 0.6 * speed[top])]
+    w = (1 - np.sqrt(1 - np.sqrt(speed[rise] / speed[top]))) / 2
+    start_of_rise = np.polyfit(w, rise * step, 1)[1]
+    if 0.1 <= start_of_rise <= 1:
+        out["reaction_time_s"] = start_of_rise
+    start, target, left = (np.array(reach[key]) for key in ("start_m", "target_m", "lateral"))
+    distance = np.sqrt(((target - start) ** 2).sum())
+    ahead = (target - start) / distance
+    aim = p[top] - p[first]
+    out["initial_direction_error_rad"] = np.arctan2(aim @ left, aim @ ahead)
+    out["completion"] = np.clip(((x - start) @ ahead).max() / distance, 0, 1)
+    out["path_ratio"] = norms(np.diff(p[first:last + 1], axis=0)).sum() / distance
+    out["end_error_m"] = np.sqrt(((p[last] - target) ** 2).sum())
+    name = {"plain": "lateral_deviation_m", "catch": "after_effect_m"}.get(reach["kind"])
+    if name:
+        out[name] = (p[np.argmax(speed)] - start) @ left
+        return
+    off = p[first:last + 1] - start
+    out["lateral_play_m"] = norms(off - (off @ ahead)[:, None] * ahead).max()
+    measured = low_passed(t, force)[0][first:last + 1] @ left
+    ideal = (v[first:last + 1] @ ahead) * (left @ np.array(reach["field_n_s_per_m"]) @ ahead)
+    out["adaptation_index"] = (measured * ideal).sum() / (ideal * ideal).sum()
+    out["adaptation_r"] = np.corrcoef(measured, ideal)[0, 1]
+
+
 def add_path(out, t, x, force, samples):
     reference = samples["reference_position"]
     guided = "progress" in samples
@@ -217,6 +255,8 @@ def main():
     printed = json.load(open(sys.argv[2]))
     t, x, force = samples["time"], samples["position"], samples["force"]
     out = {}
+    if printed.get("reach"):
+        add_reach(out, t, x, force, printed["reach"])
     covered = add_path(out, t, x, force, samples) if "reference_position" in samples else None
     add_movement(out, t, x, force, printed["plant"], covered)
     for name, value in printed["figures"].items():

@@ -1,7 +1,9 @@
 // Every metric that a report prints, recomputed from the recording by another program (recompute.py).
+#include "formats/documents/reach_task.h"
 #include "report/session_report.h"
 #include "tests/report/support.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <gtest/gtest.h>
@@ -31,9 +33,51 @@ nlohmann::json json_of_plant(const PlantModel& plant) {
           {"gravity", three(plant.gravity)}};
 }
 
+const PlantModel kRecomputedPlant{
+    .mass = {0.3, 0.25, 0.2}, .viscous = {0.5, 0.4, 0.6}, .coulomb = {0.2, 0.1, 0.3}, .gravity = {0, 0, -0.4}};
+
+/// Compares the metrics of the last repetition of a recording with those of numpy, and adds the names of those that are
+/// defined to `seen`.
+void compare_with_numpy(const TempFolder& folder, const std::string& file, std::set<std::string>& seen) {
+  const Report report = gather_report(std::vector{file});
+  nlohmann::json figures = to_json(report)["sessions"][0]["exercises"][0]["trials"][0]["figures"];
+  // The work of the participant needs a calibrated device.
+  const RecordedTrial trial = read_trials(RecordingReader(file), file).back();
+  figures["person_work_estimate_j"] =
+      trial_figures(trial, std::nullopt, kRecomputedPlant).movement->person_work_estimate.value();
+  for (const auto& [name, value] : figures.items())
+    if (value.is_number()) seen.insert(name);
+  const nlohmann::json printed{{"figures", figures},
+                               {"plant", json_of_plant(kRecomputedPlant)},
+                               {"reach", trial.reach ? json_of(*trial.reach) : nlohmann::json()}};
+  const std::string json = folder.write("printed.json", printed.dump());
+  EXPECT_EQ(printed_by(fmt::format("{} {}/recompute.py {} {}", HAPTRACE_PYTHON, HAPTRACE_REPORT_TESTS, file, json)),
+            "");
+}
+
+/// Writes a reach of 0.1 m that starts 0.25 s after the cue.
+std::string write_reach(const TempFolder& folder, ReachKind kind) {
+  constexpr double kRate = 500;  // [Hz]
+  Path path = make_shape("reach", {.size = 0.1, .duration = 0.6});
+  std::vector<Sample> rows = test::rows_of(path, {.error = 8e-4, .rate_hz = kRate, .tremor = 1e-4}, Reference::none);
+  const auto cue = std::find_if(rows.begin(), rows.end(), [](const Sample& row) { return row.phase == Phase::run; });
+  rows.insert(cue, static_cast<std::size_t>(0.25 * kRate), *cue);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    rows[i].tick = i;
+    rows[i].time_ns = static_cast<std::int64_t>(1e9 / kRate) * static_cast<std::int64_t>(i);
+  }
+  const ReachTrial reach{.geometry = {.target = Vec3(0.1, 0, 0), .lateral = Vec3::UnitY()},
+                         .kind = kind,
+                         .field = curl_field(-9, Vec3::UnitZ()),
+                         .field_block = true};
+  const std::string file = folder / fmt::format("{}.h5", to_string(kind));
+  test::Recorded recorded;
+  recorded.header.config = {{"mode", "reach"}, {"reach", json_of(reach)}};
+  test::write(file, rows, Reference::none, recorded);
+  return file;
+}
+
 TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
-  const PlantModel plant{
-      .mass = {0.3, 0.25, 0.2}, .viscous = {0.5, 0.4, 0.6}, .coulomb = {0.2, 0.1, 0.3}, .gravity = {0, 0, -0.4}};
   std::set<std::string> seen;
   for (const Reference reference : {Reference::none, Reference::playback, Reference::guidance}) {
     const TempFolder folder;
@@ -57,19 +101,13 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
     for (std::size_t i = 0; i < rows.size(); ++i) rows[i].tick = i;
     test::write(file, rows, reference);
 
-    const Report report = gather_report(std::vector{file});
-    nlohmann::json figures = to_json(report)["sessions"][0]["exercises"][0]["trials"][0]["figures"];
-    // The work of the participant needs a calibrated device.
-    const RecordedTrial trial = read_trials(RecordingReader(file), file).back();
-    figures["person_work_estimate_j"] =
-        trial_figures(trial, std::nullopt, plant).movement->person_work_estimate.value();
-    for (const auto& [name, value] : figures.items())
-      if (value.is_number()) seen.insert(name);
-    const std::string json =
-        folder.write("printed.json", nlohmann::json{{"figures", figures}, {"plant", json_of_plant(plant)}}.dump());
-    EXPECT_EQ(printed_by(fmt::format("{} {}/recompute.py {} {}", HAPTRACE_PYTHON, HAPTRACE_REPORT_TESTS, file, json)),
-              "")
-        << static_cast<int>(reference);
+    SCOPED_TRACE(static_cast<int>(reference));
+    compare_with_numpy(folder, file, seen);
+  }
+  for (const ReachKind kind : {ReachKind::plain, ReachKind::catch_trial, ReachKind::clamp}) {
+    SCOPED_TRACE(to_string(kind));
+    const TempFolder folder;
+    compare_with_numpy(folder, write_reach(folder, kind), seen);
   }
   for (const TrialFigure& figure : all_trial_figures())
     EXPECT_TRUE(seen.contains(figure.name)) << figure.name << " was defined in no recording";

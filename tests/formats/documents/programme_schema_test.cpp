@@ -64,7 +64,7 @@ void change_everything(const json& whole, const json& part, const json::json_poi
     with(json::object());
     for (std::size_t i = 0; i < part.size(); ++i) change_everything(whole, part[i], at / i, changed);
   } else if (at.back() == "mode") {
-    for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "other"}) with(mode);
+    for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "other"}) with(mode);
   } else {
     for (const json& value :
          {json(-1), json(0), json(1), json(0.5), json(1e12), json("text"), json(nullptr), json(true)}) {
@@ -77,7 +77,7 @@ void change_everything(const json& whole, const json& part, const json::json_poi
 
 TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
   std::vector<json> programmes;
-  for (const char* name : {"reaching", "circles", "lesson"}) {
+  for (const char* name : {"reaching", "circles", "lesson", "field"}) {
     const json sample = load_json(fmt::format("{}/programmes/{}.json", HAPTRACE_SAMPLES, name));
     EXPECT_TRUE(is_read(sample));
     json few = sample;
@@ -92,6 +92,14 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
                      "scale": 2, "offset": [0.01, 0, 0], "frame": {"translation": [1, 0, 0]}}]})");
   EXPECT_TRUE(is_read(placed));
   change_everything(placed, placed, json::json_pointer(), programmes);
+  const json reaches = json::parse(R"({"haptrace_programme": 1, "exercises": [
+      {"mode": "reach", "repetitions": 3, "mirror": "x", "reach": {"targets": [[0, 0.1, 0], [0.1, 0, 0]], "plane": "yz",
+       "start_hold": 0.7, "start_radius": 0.005, "energy": 1, "field": {"matrix": [[0, 1], [2, 3]]},
+       "clamp": {"damping": 5, "break_out": 0.02}}},
+      {"mode": "reach", "reach": {"targets": {"kind": "centre-out", "first_angle_deg": 10},
+       "field": {"matrix": [[0, 1, 2], [2, 3, 4], [5, 6, 7]]}, "blocks": [{"reaches": 9, "field": true}]}}]})");
+  EXPECT_TRUE(is_read(reaches));
+  change_everything(reaches, reaches, json::json_pointer(), programmes);
   ASSERT_GT(programmes.size(), 1000U);
   const std::vector<bool> valid = by_schema(programmes);
   ASSERT_EQ(valid.size(), programmes.size());

@@ -19,6 +19,8 @@ test("Each state has its words", () => {
   assert.deepEqual([words.approach.word, words.approach.sentence], ["The device moves you", "Let your hand follow"]);
   // In a free exercise no force leads the hand.
   assert.equal(wordsOf("approach", { mode: "free" }, NaN).word, "Move to the ring");
+  // A reach begins with a hold in the start.
+  assert.equal(wordsOf("approach", { mode: "reach" }, NaN).sentence, "Hold still there and wait for Go");
   assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);
   assert.deepEqual([words.rest.word, words.rest.beside], ["Rest", "12 s"]);
   assert.equal(words.rest.sentence, "Next: curve, repetition 4 of 8");

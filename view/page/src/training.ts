@@ -56,9 +56,12 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       words.word = "Hold the handle";
       break;
     case "approach":
-      // In a free exercise no force leads the hand.
+      // In a free exercise no force leads the hand. A reach has a hold in the start, until the cue.
       if (training?.mode === "free") {
         words.word = "Move to the ring";
+      } else if (training?.mode === "reach") {
+        words.word = "Move to the ring";
+        words.sentence = "Hold still there and wait for Go";
       } else {
         words.word = "The device moves you";
         words.sentence = "Let your hand follow";

@@ -1,0 +1,102 @@
+#include "control/reach_forces.h"
+
+#include "base/error.h"
+#include "control/norm.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+void check_reach(const char* what, double value, double least, double most, const char* unit) {
+  if (value >= least && value <= most) return;
+  throw input_error(fmt::format("{} is {:g} {}; it must be from {:g} to {:g}", what, value, unit, least, most));
+}
+
+}  // namespace
+
+ReachForces::ReachForces(const ReachGeometry& geometry, const Options& options)
+    : geometry_(geometry),
+      along_(geometry.along()),
+      options_(options),
+      tank_(options.energy),
+      account_(options.delay, options.rate_hz) {
+  check_reach("the distance of the target", geometry.distance(), 1e-3, 10, "m");
+  check_reach("the field's largest entry", options.field.cwiseAbs().maxCoeff(), 0, 1000, "N s/m");
+  check_reach("the largest force of the reach", options.max_force, 0, 1000, "N");
+  check_reach("the energy of the reach", options.energy, 1e-3, 100, "J");
+  if (!options.clamp) return;
+  check_reach("the stiffness of the clamp", options.clamp->stiffness, 1, 1e6, "N/m");
+  check_reach("the damping of the clamp", options.clamp->damping, 0, 1000, "N s/m");
+  check_reach("the rise time of the clamp", options.clamp->rise, 0.05, 60, "s");
+  check_reach("the break-out distance of the clamp", options.clamp->break_out, 1e-3, 1, "m");
+}
+
+void ReachForces::begin() noexcept {
+  on_ = Ramp(0);
+  holding_ = Ramp(1);
+  gain_ = still_ = 0;
+  force_.setZero();
+  broken_ = false;
+  account_.begin();
+}
+
+Vec3 ReachForces::limited(const Vec3& force) const noexcept {
+  const double size = norm_of(force);
+  return size > options_.max_force ? Vec3(options_.max_force / size * force) : force;
+}
+
+double ReachForces::stored(const Vec3& position, double gain) const noexcept {
+  if (!options_.clamp) return 0;
+  const Vec3 off = position - geometry_.start;
+  const double k = options_.clamp->stiffness, d = norm_of(off - along_.dot(off) * along_);
+  const double linear = options_.max_force / k;
+  return gain * (d <= linear ? 0.5 * k * d * d : options_.max_force * (d - 0.5 * linear));
+}
+
+double ReachForces::advance(const State& state, bool acts, double share) noexcept {
+  const double speed = norm_of(state.velocity);
+  if (speed >= kMoves)
+    still_ = 0;
+  else if (speed < kStill && norm_of(force_) > kHeld)
+    still_ += state.dt;
+  const bool holds = still_ >= kHolds;
+  holding_.advance(holds ? 0 : 1, state.dt, holds ? kDecay : rise());
+  on_.advance(acts && !broken_ ? 1 : 0, state.dt, acts && !broken_ ? rise() : kFall);
+  const double next = share * on_.value() * holding_.value();
+  // A stiffer spring holds more energy at the same place; the tank must be able to pay.
+  if (next <= gain_ || stored(state.position, next - gain_) <= std::max(0.0, tank_.level())) gain_ = next;
+  return gain_;
+}
+
+Vec3 ReachForces::update(const State& state, bool acts, double share, bool alone) noexcept {
+  if (!(state.dt > 0) || !is_finite(state.position) || !is_finite(state.velocity) || !is_finite(state.force_applied)) {
+    account_.begin();
+    force_.setZero();
+    return force_;
+  }
+  if (!alone) account_.begin();
+  // The spring's energy has the gain of this tick, so that a rise of the gain is charged.
+  const double gain = advance(state, acts, share);
+  if (const std::optional<double> given =
+          account_.update(state.position, state.force_applied - state.force_touched, stored(state.position, gain))) {
+    given_ += *given;
+    tank_.charge(*given);
+  }
+  if (options_.clamp) {
+    const Vec3 off = state.position - geometry_.start;
+    const Vec3 d = off - along_.dot(off) * along_, v = state.velocity - along_.dot(state.velocity) * along_;
+    if (acts && on_.value() > 0 && norm_of(d) > options_.clamp->break_out) broken_ = true;
+    force_ = -gain * (limited(options_.clamp->stiffness * d) + options_.clamp->damping * v);
+  } else {
+    force_ = gain * tank_.share() * limited(options_.field * state.velocity);
+  }
+  if (const double damping = recovering_damping(-tank_.level(), state.velocity, options_.rate_hz, options_.max_damping);
+      damping > 0)
+    force_ -= damping * state.velocity;
+  return force_;
+}
+
+}  // namespace haptrace

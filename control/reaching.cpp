@@ -1,0 +1,51 @@
+#include "control/reaching.h"
+
+#include "base/enum_names.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr EnumNames<ReachKind, 3> kReachKinds{"kind of reach", {"plain", "catch", "clamp"}};
+
+}  // namespace
+
+const char* to_string(ReachKind kind) noexcept {
+  return kReachKinds.name(kind);
+}
+
+ReachKind parse_reach_kind(std::string_view name) {
+  return kReachKinds.parse(name);
+}
+
+Vec3 lateral_axis(const Vec3& start, const Vec3& target, const Vec3& normal, const Vec3& otherwise) noexcept {
+  constexpr double kParallel = 1e-6;
+  const Vec3 left = normal.cross((target - start).normalized());
+  return left.norm() > kParallel ? left.normalized() : otherwise;
+}
+
+std::vector<Vec3> centre_out_targets(const Vec3& start, double distance, int count, double first_angle,
+                                     const Vec3& right, const Vec3& up) {
+  std::vector<Vec3> targets;
+  for (int i = 0; i < count; ++i) {
+    const double angle = first_angle + 2 * std::numbers::pi * i / count;
+    targets.push_back(start + distance * (std::cos(angle) * right + std::sin(angle) * up));
+  }
+  return targets;
+}
+
+Eigen::Matrix3d curl_field(double b, const Vec3& normal) {
+  Eigen::Matrix3d field;
+  for (int axis = 0; axis < 3; ++axis) field.col(axis) = b * Vec3(Vec3::Unit(axis)).cross(normal);
+  return field;
+}
+
+Eigen::Matrix3d plane_field(const Eigen::Matrix2d& matrix, const Vec3& right, const Vec3& up) {
+  Eigen::Matrix<double, 3, 2> axes;
+  axes << right, up;
+  return axes * matrix * axes.transpose();
+}
+
+}  // namespace haptrace

@@ -1,0 +1,226 @@
+#include "formats/documents/reach_task.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "control/path/shapes.h"
+
+#include <fmt/format.h>
+#include <numbers>
+#include <numeric>
+
+namespace haptrace {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kFarthestPlace = 10;  // [m]
+constexpr double kLargestGain = 100;   // of a field [N s/m]
+
+/// Reads a list of rows of numbers, all of the same length. `size` rows, or any number if it is 0.
+std::vector<std::vector<double>> read_rows(const JsonReader& reader, const char* key, const json& value,
+                                           std::size_t columns, double largest) {
+  const auto wrong = [&] {
+    return input_error(fmt::format("{}.{}: must be a list of rows of {} numbers from {:g} to {:g}", reader.where(), key,
+                                   columns, -largest, largest));
+  };
+  if (!value.is_array() || value.empty()) throw wrong();
+  std::vector<std::vector<double>> rows;
+  for (const json& row : value) {
+    if (!row.is_array() || row.size() != columns) throw wrong();
+    rows.emplace_back();
+    for (const json& number : row) {
+      if (!number.is_number() || !(std::abs(number.get<double>()) <= largest)) throw wrong();
+      rows.back().push_back(number.get<double>());
+    }
+  }
+  return rows;
+}
+
+std::vector<Vec3> read_targets(JsonReader& reader, const ReachTask& task) {
+  const json value = reader.require("targets").value("targets");
+  std::vector<Vec3> targets;
+  if (value.is_array()) {
+    for (const auto& row : read_rows(reader, "targets", value, 3, kFarthestPlace))
+      targets.emplace_back(row[0], row[1], row[2]);
+    return targets;
+  }
+  if (!value.is_object())
+    throw input_error(
+        fmt::format("{}.targets: must be a list of points [m], or a pattern as in {{\"kind\": "
+                    "\"centre-out\", \"count\": 8, \"distance\": 0.08}}",
+                    reader.where()));
+  JsonReader pattern = *reader.object("targets");
+  static const std::vector<std::string> kPatterns{"centre-out"};
+  (void)pattern.require("kind").choice("kind", kPatterns.front(), kPatterns);
+  const int count = pattern.integer("count", 8, 1, 360);
+  const double distance = pattern.number("distance", 0.08, 1e-3, 1);
+  const double first = std::numbers::pi / 180 * pattern.number("first_angle_deg", 0, -360, 360);
+  pattern.finish();
+  const auto [right, up] = plane_axes(task.plane);
+  return centre_out_targets(task.start, distance, count, first, right, up);
+}
+
+/// Reads {"curl": b} or {"matrix": rows}.
+Eigen::Matrix3d read_field(JsonReader reader, const std::string& plane) {
+  const auto [right, up] = plane_axes(plane);
+  if (reader.has("curl") == reader.has("matrix"))
+    throw input_error(reader.where() + ": needs either curl, as b in N s/m, or matrix, with 2 or 3 rows");
+  Eigen::Matrix3d field;
+  if (reader.has("curl")) {
+    field = curl_field(reader.number("curl", 0, -kLargestGain, kLargestGain), right.cross(up));
+  } else {
+    const json value = reader.value("matrix");
+    const std::size_t size = value.is_array() && value.size() == 2 ? 2 : 3;
+    const auto rows = read_rows(reader, "matrix", value, size, kLargestGain);
+    if (rows.size() != size)
+      throw input_error(fmt::format("{}.matrix: must have 2 rows (in the plane) or 3 rows", reader.where()));
+    const auto at = [&](Eigen::Index i, Eigen::Index j) {
+      return rows[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
+    };
+    field = size == 2 ? plane_field(Eigen::Matrix2d::NullaryExpr(at), right, up)
+                      : Eigen::Matrix3d(Eigen::Matrix3d::NullaryExpr(at));
+  }
+  reader.finish();
+  return field;
+}
+
+ReachBlock read_block(JsonReader& reader, std::size_t number, bool has_field) {
+  ReachBlock block{.name = reader.text("name", fmt::format("block {}", number)),
+                   .reaches = reader.require("reaches").integer("reaches", 1, 1, 10'000),
+                   .field = reader.boolean("field", false),
+                   .clamps = reader.number("clamps", 0, 0, 0.5),
+                   .catches = reader.number("catches", 0, 0, 0.5)};
+  if (block.field && !has_field)
+    throw input_error(reader.where() + ".field: the exercise has no force field; add the key field to reach");
+  if (!block.field && reader.has("catches"))
+    throw input_error(reader.where() +
+                      ".catches: a catch trial turns the field off, and this block has none; set "
+                      "field to true, or remove catches");
+  reader.finish();
+  return block;
+}
+
+void read_start_hold(JsonReader& reader, ReachTask& task) {
+  if (!reader.has("start_hold")) return;
+  constexpr double kLongestHold = 10;  // [s]
+  const json value = reader.value("start_hold");
+  if (value.is_number()) {
+    task.least_start_hold = task.most_start_hold = reader.number("start_hold", 0, 0.1, kLongestHold);
+    return;
+  }
+  JsonReader bounds = reader.object("start_hold").value();
+  task.least_start_hold = bounds.require("least").number("least", 0, 0.1, kLongestHold);
+  task.most_start_hold = bounds.require("most").number("most", 0, 0.1, kLongestHold);
+  bounds.finish();
+}
+
+json json_of(const Eigen::Matrix3d& matrix) {
+  json rows = json::array();
+  for (Eigen::Index i = 0; i < 3; ++i) rows.push_back({matrix(i, 0), matrix(i, 1), matrix(i, 2)});
+  return rows;
+}
+
+}  // namespace
+
+int ReachTask::reaches() const {
+  return std::accumulate(blocks.begin(), blocks.end(), 0,
+                         [](int sum, const ReachBlock& block) { return sum + block.reaches; });
+}
+
+ReachTask read_reach_task(JsonReader reader, int repetitions) {
+  ReachTask task;
+  task.start = reader.vector("start", task.start, -kFarthestPlace, kFarthestPlace);
+  task.plane = reader.choice("plane", task.plane, std::vector<std::string>{"xy", "yz", "zx"});
+  task.targets = read_targets(reader, task);
+  task.start_radius = reader.number("start_radius", task.start_radius, 1e-3, 0.1);
+  task.target_radius = reader.number("target_radius", task.target_radius, 1e-3, 0.1);
+  read_start_hold(reader, task);
+  task.target_hold = reader.number("target_hold", task.target_hold, 0, 10);
+  task.pull = reader.boolean("pull", task.pull);
+  task.energy = reader.number("energy", task.energy, 0.01, 10);
+  if (std::optional<JsonReader> field = reader.object("field")) task.field = read_field(*field, task.plane);
+  if (std::optional<JsonReader> clamp = reader.object("clamp")) {
+    if (clamp->has("stiffness")) task.clamp.stiffness = clamp->number("stiffness", 0, 1, 1e5);
+    task.clamp.damping = clamp->number("damping", task.clamp.damping, 0, 1000);
+    task.clamp.break_out = clamp->number("break_out", task.clamp.break_out, 1e-3, 0.5);
+    clamp->finish();
+  }
+  if (reader.has("blocks")) {
+    for (JsonReader& block : reader.objects("blocks"))
+      task.blocks.push_back(read_block(block, task.blocks.size() + 1, task.field.has_value()));
+    if (task.blocks.empty()) throw input_error(reader.where() + ".blocks: needs at least one block");
+  } else {
+    task.blocks.push_back({.name = "", .reaches = repetitions});
+  }
+  reader.finish();
+  return task;
+}
+
+ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const Eigen::Matrix3d& turn,
+                       const Vec3& start, const Vec3& target) {
+  const auto [right, up] = plane_axes(task.plane);
+  // To the left in the exercise's own coordinates: a mirrored exercise has mirrored signs.
+  const Vec3 left = lateral_axis(turn.transpose() * start, turn.transpose() * target, right.cross(up), right);
+  ReachTrial trial{.geometry = {.start = start,
+                                .target = target,
+                                .lateral = turn * left,
+                                .start_radius = task.start_radius,
+                                .target_radius = task.target_radius},
+                   .kind = planned.kind,
+                   .field_block = task.blocks.at(static_cast<std::size_t>(planned.block)).field};
+  if (task.field) trial.field = turn * *task.field * turn.transpose();
+  return trial;
+}
+
+std::string describe(const ReachTask& task, const PlannedReach& planned) {
+  const ReachBlock& block = task.blocks.at(static_cast<std::size_t>(planned.block));
+  std::string text = fmt::format("target {} of {}", planned.target + 1, task.targets.size());
+  if (!block.name.empty()) text += ", " + block.name;
+  if (planned.kind != ReachKind::plain) text += fmt::format(", {}", to_string(planned.kind));
+  return text;
+}
+
+json json_of(const PlannedReach& planned) {
+  return {{"target", planned.target},
+          {"block", planned.block},
+          {"kind", to_string(planned.kind)},
+          {"start_hold_s", planned.start_hold}};
+}
+
+PlannedReach planned_reach_from(JsonReader reader) {
+  PlannedReach planned{.target = reader.require("target").integer("target", 0, 0, 10'000),
+                       .block = reader.integer("block", 0, 0, 10'000),
+                       .kind = parse_reach_kind(reader.text("kind", to_string(ReachKind::plain))),
+                       .start_hold = reader.number("start_hold_s", 0, 0, 60)};
+  reader.finish();
+  return planned;
+}
+
+json json_of(const ReachTrial& trial) {
+  const ReachGeometry& geometry = trial.geometry;
+  return {{"start_m", json_of(geometry.start)},        {"target_m", json_of(geometry.target)},
+          {"lateral", json_of(geometry.lateral)},      {"start_radius_m", geometry.start_radius},
+          {"target_radius_m", geometry.target_radius}, {"kind", to_string(trial.kind)},
+          {"field_n_s_per_m", json_of(trial.field)},   {"field_block", trial.field_block}};
+}
+
+ReachTrial reach_trial_from(JsonReader reader) {
+  ReachTrial trial;
+  ReachGeometry& geometry = trial.geometry;
+  geometry.start = reader.require("start_m").vector("start_m", geometry.start);
+  geometry.target = reader.require("target_m").vector("target_m", geometry.target);
+  geometry.lateral = reader.require("lateral").vector("lateral", geometry.lateral);
+  geometry.start_radius = reader.number("start_radius_m", geometry.start_radius, 0, kFarthestPlace);
+  geometry.target_radius = reader.number("target_radius_m", geometry.target_radius, 0, kFarthestPlace);
+  trial.kind = parse_reach_kind(reader.text("kind", to_string(ReachKind::plain)));
+  const auto rows = read_rows(reader, "field_n_s_per_m", reader.require("field_n_s_per_m").value("field_n_s_per_m"), 3,
+                              10 * kLargestGain);
+  if (rows.size() != 3) throw input_error(reader.where() + ".field_n_s_per_m: must have 3 rows");
+  for (std::size_t i = 0; i < 9; ++i)
+    trial.field(static_cast<Eigen::Index>(i / 3), static_cast<Eigen::Index>(i % 3)) = rows[i / 3][i % 3];
+  trial.field_block = reader.boolean("field_block", false);
+  reader.finish();
+  return trial;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,181 @@
+#include "player/programme/reach_controller.h"
+
+#include "base/error.h"
+#include "control/norm.h"
+#include "control/pd.h"
+#include "control/resistance_timer.h"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+constexpr double kLongestReachStep = 5;  // most that one tick counts [ticks]
+constexpr double kTankIsLow = 0.5;       // share of the field below which the tank counts as empty
+
+void check_course(const char* what, double value, double least, double most, const char* unit) {
+  if (value >= least && value <= most) return;
+  throw input_error(fmt::format("{} is {:g} {}; it must be from {:g} to {:g}", what, value, unit, least, most));
+}
+
+}  // namespace
+
+ReachController::ReachController(const ReachGeometry& geometry, const ReachForces::Options& forces,
+                                 const ReachCourse& course, const PdGains& pull, const HandWatchOptions& hand)
+    : geometry_(geometry),
+      forces_(geometry, forces),
+      course_(course),
+      pull_gains_(pull),
+      hand_(hand),
+      phases_(1, course.hold, course.approach_speed) {
+  validate(pull);
+  check_course("the hold in the start", course.start_hold, 0, 60, "s");
+  check_course("the hold in the target", course.target_hold, 0, 60, "s");
+  check_course("the time limit of a reach", course.time_limit, 0.1, 1e5, "s");
+  check_course("the pause after a reach", course.hold, 0, 3600, "s");
+  check_course("the speed of the approach", course.approach_speed, 1e-3, 10, "m/s");
+  check_course("the largest deviation", course.max_deviation, 1e-3, 100, "m");
+  if (geometry.distance() > geometry.start_radius + geometry.target_radius) return;
+  throw input_error(
+      fmt::format("a target is {:.1f} mm from the start, within their radii of {:.1f} mm and {:.1f} mm; move it, or "
+                  "make the radii smaller",
+                  1e3 * geometry.distance(), 1e3 * geometry.start_radius, 1e3 * geometry.target_radius));
+}
+
+void ReachController::start(const State& first) noexcept {
+  requests_ = RequestFollower(mailbox_, true);
+  resume(first);
+}
+
+void ReachController::resume(const State& first) noexcept {
+  hand_.reset();
+  waited_ = 0;
+  if (!phases_.finished()) begin_approach(first.position);
+}
+
+void ReachController::begin_approach(const Vec3& from) noexcept {
+  phases_.begin_approach(from, geometry_.start);
+  forces_.begin();
+  leads_ = course_.pull;
+  arrived_ = false;
+  pull_ = Ramp(0);
+  held_ = away_ = empty_ = 0;
+  told_broken_ = told_empty_ = false;
+}
+
+bool ReachController::follow_requests(const State& state) noexcept {
+  requests_.update(state.dt);
+  phases_.add(requests_.take_repeats());
+  if (requests_.take_skip()) phases_.skip();
+  const bool was_paused = std::exchange(paused_, requests_.paused());
+  if (was_paused && !paused_ && phases_.phase() != Phase::hold) resume(state);
+  return paused_;
+}
+
+void ReachController::end_run(Command& command, bool reached, const Vec3& position) noexcept {
+  if (!reached)
+    command.event =
+        Event{.code = EventCode::time_over,
+              .values = {std::clamp((position - geometry_.start).dot(geometry_.along()), 0.0, geometry_.distance()),
+                         geometry_.distance(), kNaN}};
+  held_ = 0;
+  phases_.begin_hold();
+}
+
+void ReachController::advance_start(const State& state, Command& command) noexcept {
+  const double dt = std::min(state.dt, kLongestReachStep / course_.rate_hz);
+  waited_ += dt;
+  const bool inside = norm_of(state.position - geometry_.start) <= geometry_.start_radius;
+  if (inside && (!leads_ || phases_.approached())) {
+    arrived_ = true;
+    leads_ = false;
+  }
+  away_ = inside ? 0 : away_ + dt;
+  // The hold counts without the force that led the hand.
+  held_ = inside && arrived_ && pull_.value() == 0 ? held_ + dt : 0;
+  if (arrived_ && course_.pull && away_ >= kAway) begin_approach(state.position);
+  if (waited_ >= kLongestStart) {
+    end_run(command, false, state.position);
+  } else if (held_ >= course_.start_hold && arrived_) {
+    held_ = 0;
+    phases_.end_approach();
+    command.event = phases_.repetition_event();
+  }
+}
+
+void ReachController::advance_run(const State& state, Command& command) noexcept {
+  const bool inside = norm_of(state.position - geometry_.target) <= geometry_.target_radius;
+  held_ = inside ? held_ + std::min(state.dt, kLongestReachStep / course_.rate_hz) : 0;
+  if (inside && held_ >= course_.target_hold)
+    end_run(command, true, state.position);
+  else if (phases_.elapsed() >= course_.time_limit)
+    end_run(command, false, state.position);
+}
+
+void ReachController::advance(const State& state, Command& command) noexcept {
+  if (follow_requests(state)) return;
+  phases_.pass(std::min(state.dt, kLongestReachStep / course_.rate_hz));
+  switch (phases_.phase()) {
+    case Phase::approach:
+      return advance_start(state, command);
+    case Phase::run:
+      return advance_run(state, command);
+    default:
+      if (phases_.next_repetition()) resume(state);
+  }
+}
+
+bool ReachController::add_pull(const State& state, Command& command) noexcept {
+  const bool leads = leads_ && phases_.phase() == Phase::approach && !paused_;
+  const double share = requests_.share() * pull_.advance(leads ? 1 : 0, state.dt, kBlend);
+  const Reference way = phases_.approach().at(phases_.elapsed());
+  if (leads) {
+    command.reference = way;
+    command.patience = kPatience;
+    (void)hand_.update(state.force_applied, way.position - state.position, nan3(), state.dt);
+    command.resisted = hand_.resists();
+    if (const double off = norm_of(way.position - state.position); off > course_.max_deviation) {
+      command.status = Command::Status::deviation;
+      command.event = Event{.code = EventCode::deviation_limit, .values = {off, course_.max_deviation, kNaN}};
+    }
+  }
+  if (!(share > 0)) return false;
+  Reference held = way;
+  if (!leads) held.velocity = state.velocity;  // the law does not brake a hand that moves on
+  command.wrench.force += share * pd_force(pull_gains_, state, held);
+  return true;
+}
+
+void ReachController::watch_forces(const State& state, Command& command) noexcept {
+  if (command.event) return;
+  if (forces_.broken() && !std::exchange(told_broken_, true)) {
+    const Vec3 off = geometry_.across(state.position - geometry_.start);
+    command.event =
+        Event{.code = EventCode::deviation_over, .values = {norm_of(off), forces_.options().clamp->break_out, kNaN}};
+    return;
+  }
+  const double share = forces_.options().clamp ? 1 : forces_.tank().share();
+  empty_ = share < kTankIsLow ? empty_ + state.dt : 0;
+  if (empty_ >= kEmptyLasts && !std::exchange(told_empty_, true))
+    command.event = Event{.code = EventCode::tank_empty, .values = {empty_, share, kNaN}};
+}
+
+Command ReachController::update(const State& state) noexcept {
+  Command command;
+  advance(state, command);
+  const Phase phase = phases_.phase();
+  const Vec3& goal = phase == Phase::approach ? geometry_.start : geometry_.target;
+  command.reference = {.position = goal, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
+  const bool pulled = add_pull(state, command);
+  const bool acts = !paused_ && (phase == Phase::run || (phase == Phase::approach && arrived_ && !leads_));
+  if (acts) command.patience = kPatience;
+  command.wrench.force += forces_.update(state, acts, requests_.share(), !pulled);
+  if (phase == Phase::run && !paused_) watch_forces(state, command);
+  command.phase = phases_.phase();
+  if (phases_.finished() && command.status == Command::Status::working) command.status = Command::Status::finished;
+  return command;
+}
+
+}  // namespace haptrace

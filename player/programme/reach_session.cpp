@@ -1,0 +1,113 @@
+#include "player/programme/reach_session.h"
+
+#include "base/error.h"
+#include "control/hand_watch.h"
+#include "control/pd.h"
+#include "player/guidance/guide.h"
+#include "player/guidance/live_guidance.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace haptrace {
+namespace {
+
+constexpr double kPullShare = 0.5;                // of the cautious gains: the pull back is soft
+constexpr double kSlowestRise = 1.5;              // of a clamp [s]
+constexpr double kStrongestShare = 0.8;           // of the device's peak force
+constexpr double kUsualForce = 5;                 // of a device whose peak force is unknown [N]
+constexpr double kLeastArm = 50, kMostArm = 400;  // stiffness of an arm [N/m]
+
+double largest_force(const DeviceInfo& device, const SessionOptions& session) {
+  double force = device.max_force > 0 ? kStrongestShare * device.max_force : kUsualForce;
+  if (const double limit = session.loop.limits.max_force; limit > 0) force = std::min(force, kStrongestShare * limit);
+  return force;
+}
+
+void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
+  const double stable = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.forces.delay);
+  ClampOptions clamp{.stiffness = options.clamp_stiffness.value_or(stable),
+                     .damping = options.clamp_damping,
+                     .rise = std::clamp(options.shortest_start_hold, 0.1, kSlowestRise),
+                     .break_out = options.break_out};
+  if (clamp.stiffness > stable) {
+    plan.warnings.push_back(fmt::format("{} is not stable with a clamp of {:.0f} N/m; it is limited to {:.0f} N/m",
+                                        device.model, clamp.stiffness, stable));
+    clamp.stiffness = stable;
+  }
+  const auto share = [&](double arm) { return 100 * clamp.stiffness / (clamp.stiffness + arm); };
+  plan.notes.push_back(
+      fmt::format("an error clamp of {:.0f} N/m shows {:.0f} to {:.0f} % of the true adaptation, for arms of {:.0f} to "
+                  "{:.0f} N/m",
+                  clamp.stiffness, share(kMostArm), share(kLeastArm), kLeastArm, kMostArm));
+  plan.forces.clamp = clamp;
+}
+
+/// Returns the circle of the start, the line to the target, and its circle, for a view.
+FollowedPath shown_path(const ReachGeometry& geometry) {
+  constexpr int kPoints = 48;
+  FollowedPath followed{.mode = "reach"};
+  const Vec3 along = geometry.along();
+  const auto circle = [&](const Vec3& centre, double radius, double sign) {
+    for (int i = 0; i <= kPoints; ++i) {
+      const double angle = 2 * std::numbers::pi * i / kPoints;
+      followed.time.push_back(static_cast<double>(followed.time.size()));
+      followed.position.push_back(centre +
+                                  sign * radius * (std::cos(angle) * along + std::sin(angle) * geometry.lateral));
+    }
+  };
+  circle(geometry.start, geometry.start_radius, 1);
+  circle(geometry.target, geometry.target_radius, -1);
+  return followed;
+}
+
+}  // namespace
+
+ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
+  const ReachTrial& trial = options.trial;
+  ReachPlan plan;
+  plan.forces.max_force = largest_force(device, options.session);
+  plan.forces.energy = options.energy;
+  plan.forces.delay = options.identified ? options.identified->plant.delay : kUnknownDelay;
+  plan.forces.rate_hz = options.session.loop.rate_hz;
+  const bool clamp = trial.kind == ReachKind::clamp, field = trial.field_acts() && !trial.field.isZero(0);
+  if ((clamp || field || options.course.pull) &&
+      !(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
+    throw input_error(
+        fmt::format("{} has no motors: remove field, clamps and pull, or use a device with motors", device.model));
+  if (clamp) plan_clamp(device, options, plan);
+  if (!field) return plan;
+  plan.forces.field = trial.field;
+  const double gain = Eigen::JacobiSVD<Eigen::Matrix3d>(trial.field).singularValues()[0];
+  plan.notes.push_back(
+      fmt::format("the force field of {:.3g} N s/m is limited to {:.2g} N, which it reaches at {:.2g} m/s", gain,
+                  plan.forces.max_force, plan.forces.max_force / gain));
+  return plan;
+}
+
+SessionResult reach(Device& device, const ReachPlan& plan, const ReachOptions& options, const StopRequest& stop,
+                    const Progress& progress) {
+  const DeviceInfo& info = device.info();
+  SessionOptions session = options.session;
+  PdGains pull = cautious_gains(info.max_force, session.loop.rate_hz);
+  pull.kp *= kPullShare;
+  pull.kd *= kPullShare;
+  ReachCourse course = options.course;
+  course.rate_hz = session.loop.rate_hz;
+  ReachController controller(options.trial.geometry, plan.forces, course, pull, hand_watch_of(info.max_force));
+  std::vector<SampleSink*> sinks = options.sinks;
+  if (options.live != nullptr) {
+    controller.obey(options.live->requests());
+    session.touch.requests = &options.live->requests();
+    session.touch.rests_in_pause = true;
+    sinks.push_back(options.live);
+    session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+  }
+  if (options.identified) session.touch.plant = options.identified->plant;
+  if (session.observer != nullptr) session.followed = shown_path(options.trial.geometry);
+  return run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
+}
+
+}  // namespace haptrace
