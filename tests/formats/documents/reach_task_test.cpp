@@ -82,8 +82,8 @@ TEST(ReachTask, KeepsASignWhenItIsMirrored) {
       std::string(kOneTarget) + R"(, "field": {"curl": 13}, "blocks": [{"reaches": 1, "field": true}])");
   const ReachTask& task = *programme.exercises.at(0).reach;
   const Eigen::Matrix3d mirror = Vec3(-1, 1, 1).asDiagonal();
-  const ReachTrial plain = reach_trial(task, {}, Eigen::Matrix3d::Identity(), Vec3::Zero(), Vec3(0.08, 0, 0));
-  const ReachTrial other = reach_trial(task, {}, mirror, Vec3::Zero(), Vec3(-0.08, 0, 0));
+  const ReachTrial plain = reach_trial(task, {}, Eigen::Matrix3d::Identity(), Vec3::Zero(), Vec3(0.08, 0.03, 0));
+  const ReachTrial other = reach_trial(task, {}, mirror, Vec3::Zero(), Vec3(-0.08, 0.03, 0));
   const auto push = [](const ReachTrial& trial) {
     return trial.geometry.lateral.dot(trial.field * trial.geometry.along());
   };
