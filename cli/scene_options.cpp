@@ -5,6 +5,7 @@
 #include "scene/scene_file.h"
 #include "scene/slow_scene.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 
@@ -52,11 +53,17 @@ std::vector<std::string> TouchArguments::apply(SessionOptions& session) const {
 }
 
 std::vector<std::string> notes_on_reach(const SessionOptions& session, const DeviceInfo& info) {
-  std::vector<std::string> notes;
-  if (session.touch.scene)
-    for (const std::string& name : session.touch.scene->out_of({info.workspace_min, info.workspace_max}))
-      notes.push_back(fmt::format("'{}' lies outside the workspace of {}: it cannot be touched", name, info.name));
-  return notes;
+  if (!session.touch.scene) return {};
+  const std::vector<std::string> names = session.touch.scene->out_of({info.workspace_min, info.workspace_max});
+  if (names.empty()) return {};
+  if (names.size() == 1)
+    return {fmt::format("'{}' lies outside the workspace of {}: it cannot be touched", names[0], info.name)};
+  constexpr std::size_t kMostNames = 4;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(names.size(), kMostNames); ++i)
+    list += fmt::format("{}'{}'", i > 0 ? ", " : "", names[i]);
+  return {fmt::format("{} of {} objects lie outside the workspace of {}: {}{} cannot be touched", names.size(),
+                      session.touch.scene->size(), info.name, list, names.size() > kMostNames ? ", ..." : "")};
 }
 
 }  // namespace haptrace::cli

@@ -22,7 +22,7 @@ struct TouchArguments {
   [[nodiscard]] std::vector<std::string> apply(SessionOptions& session) const;
 };
 
-/// Returns a note for each object of the session's scene that the device cannot reach.
+/// Returns a note on the objects of the session's scene that the device cannot reach, if there are any.
 std::vector<std::string> notes_on_reach(const SessionOptions& session, const DeviceInfo& info);
 
 }  // namespace haptrace::cli

@@ -4,7 +4,9 @@
 #include "control/path/shapes.h"
 #include "formats/path/path_file.h"
 
+#include <cmath>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace::cli {
 
@@ -42,6 +44,11 @@ Verb add_shape(CLI::App& app) {
             require(*verb, "name");
             require(*verb, "--output");
             if (!arguments->centre.empty()) arguments->shape.center = Vec3(arguments->centre.data());
+            if (std::abs(arguments->shape.angle) > 2 * std::numbers::pi)
+              throw input_error(fmt::format(
+                  "--angle {:g}: is in radians and more than a full turn; {:g} degrees are "
+                  "{:.4g} rad",
+                  arguments->shape.angle, arguments->shape.angle, arguments->shape.angle * std::numbers::pi / 180));
             Path path = make_shape(arguments->name, arguments->shape);
             arguments->change.change().apply(path);
             save_path(path, arguments->file, arguments->name, arguments->overwrite);

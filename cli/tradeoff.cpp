@@ -367,7 +367,7 @@ Verb add_tradeoff(CLI::App& app) {
   verb->add_option("--save", arguments->save, "configuration that keeps the budget (default: beside the JSON)")
       ->type_name("FILE.json");
   verb->add_flag("--no-instructions", arguments->no_instructions,
-                 "measure load in time only, without counting instructions");
+                 "measure load as a share of the time, without counting instructions");
   verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
   add_measuring_options(*verb, *arguments);
   add_base_options(*verb, *arguments);
@@ -380,6 +380,7 @@ Verb add_tradeoff(CLI::App& app) {
             check_range("--learn", arguments->learn, 0, 20);
             check_range("--speed", arguments->base.speed, 0.001, 100);
             const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
+            if (arguments->no_instructions) check_counted(budget);
             const TradeFiles files = files_of(*arguments);
             if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
             if (!arguments->scene_budget.empty()) {
@@ -408,6 +409,7 @@ Verb add_tradeoff(CLI::App& app) {
             }();
             if (report.complete) add_sides(*arguments, bench, report, output, signals.stop());
             report.complete = report.complete && signals.stop().count() == 0;
+            if (report.base.ran() && !report.base.counted()) check_counted(budget);
             nlohmann::json json = to_json(report);
             std::string text = text_of(report);
 

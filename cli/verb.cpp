@@ -460,11 +460,11 @@ std::string session_summary(const SessionResult& result) {
     text += fmt::format("  {:.3f} s without the device, which was lost and reconnected{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
   for (const TouchFigures& touch : result.touches)
-    text +=
-        touch.times == 0
-            ? fmt::format("  {}: not touched\n", touch.name)
-            : fmt::format("  {}: touched {} times for {:.3f} s, force up to {:.2f} N, penetration up to {:.2f} mm\n",
-                          touch.name, touch.times, touch.seconds, touch.max_force, 1e3 * touch.max_depth);
+    text += touch.times == 0
+                ? fmt::format("  {}: not touched\n", touch.name)
+                : fmt::format("  {}: touched {} for {:.3f} s, force up to {:.2f} N, penetration up to {:.2f} mm\n",
+                              touch.name, touch.times == 1 ? "once" : fmt::format("{} times", touch.times),
+                              touch.seconds, touch.max_force, 1e3 * touch.max_depth);
   if (result.recording && result.recording->written != servo.samples)
     text += fmt::format("  {} of these samples are in the recording\n", result.recording->written);
   if (result.recording && result.recording->parts > 1)

@@ -100,10 +100,14 @@ std::string read_in_process(const std::string& file, const std::string& what, co
   int status = 0;
   while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
-  if (!whole)
-    throw input_error(fmt::format(
-        "{}: cannot be read as {}: the program that reads such files {}", file, what,
-        WIFSIGNALED(status) ? fmt::format("ended with signal {}", WTERMSIG(status)) : std::string("ended early")));
+  if (!whole) {
+    const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+    throw input_error(fmt::format("{}: cannot be read as {}: the program that reads such files {}", file, what,
+                                  signal == SIGKILL || signal == SIGXCPU
+                                      ? "took longer or more memory than a file of this size needs"
+                                  : signal != 0 ? fmt::format("ended with signal {}", signal)
+                                                : std::string("ended early")));
+  }
   if (said.failed != 0) throw input_error(answer);
   return answer;
 }

@@ -15,6 +15,7 @@
 #include "player/touching_controller.h"
 #include "player/tuning/live_monitor.h"
 #include "recorder/recorder.h"
+#include "scene/slow_scene.h"
 
 #include <algorithm>
 #include <array>
@@ -291,6 +292,10 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
     columns.contacts = true;
     std::ranges::move(known_warnings(Severity::note, "scene", options.touch.scene->notes()),
                       std::back_inserter(result.warnings));
+    if (options.touch.slow)
+      std::ranges::move(known_warnings(Severity::note, "scene",
+                                       notes_on_prediction(*options.touch.scene, options.touch.slow->prediction)),
+                        std::back_inserter(result.warnings));
   }
   Controller& acting = touching ? static_cast<Controller&>(*touching) : controller;
   LiveMonitor monitor;

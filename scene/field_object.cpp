@@ -140,13 +140,11 @@ class FieldObject final : public Object {
   [[nodiscard]] Contact answer(const Touch& touch) noexcept override {
     if (!touch.valid()) return {};
     const Vec3 place = pose_.place_of(touch.position);
-    const bool inside = field_.covers(place);
-    if (!proxy_.known) proxy_.began_inside = inside && std::isnan(touch.last_position.x());
-    proxy_.known = true;
-    proxy_.began_inside = proxy_.began_inside && inside;
     Contact contact{.place = place};
-    if (inside) feel(place, pose_.vector_of(touch.velocity), contact);
-    if (proxy_.began_inside && !contact.force.isZero(0)) soften(touch.dt, contact);
+    if (field_.covers(place)) feel(place, pose_.vector_of(touch.velocity), contact);
+    // A field has no inside: only a force that is there at the first query grows softly, until it is zero once.
+    proxy_.began_inside = !contact.force.isZero(0) && (proxy_.began_inside || std::isnan(touch.last_position.x()));
+    if (proxy_.began_inside) soften(touch.dt, contact);
     pose_.to_world(contact);
     return contact;
   }
@@ -158,6 +156,7 @@ class FieldObject final : public Object {
     contact.force = -potential.energy.gradient - potential.drag * velocity;
     contact.stored = potential.energy.value;
     contact.damping = potential.drag;
+    contact.clings = potential.drag > 0;
     if (!(push > 0)) return;
     contact.normal = -potential.energy.gradient / push;
     contact.stiffness = std::max(push / kReach, contact.normal.dot(potential.energy.hessian * contact.normal));

@@ -4,13 +4,15 @@
 #include "base/suggest.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {
 namespace {
 
-/// An object on a body that does not move. A body at the origin costs nothing.
-template <class Body>
+/// An object on a body that does not move. A body at the origin costs nothing, and neither does a surface that no
+/// texture raises.
+template <class Body, bool kRaised>
 class FixedObject final : public Object {
  public:
   FixedObject(std::string name, std::string kind, std::unique_ptr<Shape> shape, std::unique_ptr<Surface> surface,
@@ -31,7 +33,10 @@ class FixedObject final : public Object {
                         .to = body_.place_of(touch.position + ahead * touch.velocity),
                         .radius = radius_,
                         .reach = surface_->reach()};
+    [[maybe_unused]] const bool began_inside = proxy_.began_inside;
     shape_->follow(step, proxy_);
+    if constexpr (kRaised)
+      if (!proxy_.touching) shape_->approach(step, proxy_);
     Contact contact;
     if (!proxy_.touching && memory_.used) memory_ = {};
     if (proxy_.known)
@@ -43,6 +48,11 @@ class FixedObject final : public Object {
                                 memory_);
     else
       look_ahead(step.to, contact);
+    if constexpr (kRaised) {
+      if (!proxy_.touching && !contact.normal.isZero(0)) contact.depth += surface_->height(contact.proxy);
+      // Not behind the shape but behind the raised surface.
+      proxy_.began_inside = contact.touched() && (began_inside || std::isnan(touch.last_position.x()));
+    }
     if (proxy_.began_inside) soften(touch.dt, contact);
     body_.to_world(contact);
     return contact;
@@ -111,6 +121,21 @@ TriangleMesh Object::tessellated(double tolerance, const Box& space) const {
   return mesh;
 }
 
+std::vector<std::string> Object::remarks() const {
+  std::vector<std::string> remarks = shape_->remarks();
+  for (std::string& remark : surface_->remarks()) remarks.push_back(std::move(remark));
+  if (!surface_->parts().shading) return remarks;
+  if (shape_->smooths())
+    remarks.emplace_back(
+        "`shading` can drive the hand: a closed stroke may give energy, more with coarse triangles; smaller triangles "
+        "or no `shading` give less");
+  else if (kind_ == "mesh")
+    remarks.emplace_back("`shading` has no effect on a tool with a radius, which rolls over the edges");
+  else
+    remarks.push_back(fmt::format("`shading` has no effect on the kind '{}': it smooths only meshes", kind_));
+  return remarks;
+}
+
 std::vector<Knob> Object::knobs() const {
   std::vector<Knob> knobs = shape_->knobs();
   for (Knob& knob : surface_->knobs()) knobs.push_back(std::move(knob));
@@ -131,11 +156,14 @@ void Object::set(const std::string& knob, double level) {
 
 std::unique_ptr<Object> make_fixed_object(std::string name, std::string kind, std::unique_ptr<Shape> shape,
                                           std::unique_ptr<Surface> surface, const std::optional<Pose>& pose) {
-  if (pose)
-    return std::make_unique<FixedObject<Pose>>(std::move(name), std::move(kind), std::move(shape), std::move(surface),
-                                               *pose);
-  return std::make_unique<FixedObject<AtOrigin>>(std::move(name), std::move(kind), std::move(shape), std::move(surface),
-                                                 AtOrigin{});
+  const auto make = [&]<class Body>(const Body& body) -> std::unique_ptr<Object> {
+    if (surface->raised())
+      return std::make_unique<FixedObject<Body, true>>(std::move(name), std::move(kind), std::move(shape),
+                                                       std::move(surface), body);
+    return std::make_unique<FixedObject<Body, false>>(std::move(name), std::move(kind), std::move(shape),
+                                                      std::move(surface), body);
+  };
+  return pose ? make(*pose) : make(AtOrigin{});
 }
 
 }  // namespace haptrace

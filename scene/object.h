@@ -18,6 +18,7 @@ namespace haptrace {
 /// Objects that a scene does not contain cost nothing, and neither does what an object does not name.
 ///
 /// If the tool is inside when a session starts, its force grows from zero within kPushOut, and the contact says so.
+/// Inside means behind the surface that is felt: on the crest of a texture that is in front of the shape.
 ///
 /// Order of calls: set() any number of times, prepare() once before each session, then reset() and answer(). Real-time:
 /// reset and answer allocate nothing, lock nothing, throw nothing, do no I/O. Threads: one at a time.
@@ -57,6 +58,9 @@ class Object {
   [[nodiscard]] bool meets(const Box& space) const noexcept;
   /// Returns triangles within `tolerance` [m] of the object, of its part inside `space`. In W.
   [[nodiscard]] TriangleMesh tessellated(double tolerance, const Box& space) const;
+
+  /// Returns notes for the user on the prepared shape and surface, and on what they do to each other.
+  [[nodiscard]] std::vector<std::string> remarks() const;
 
   /// Returns the accuracy settings of its parts, for haptrace tradeoff.
   [[nodiscard]] std::vector<Knob> knobs() const;

@@ -92,8 +92,7 @@ std::vector<std::string> Scene::names() const {
 std::vector<std::string> Scene::notes() const {
   std::vector<std::string> notes;
   for (const auto& object : objects_) {
-    for (const std::string& note : object->shape().remarks()) notes.push_back(object->name() + ": " + note);
-    for (const std::string& note : object->surface().remarks()) notes.push_back(object->name() + ": " + note);
+    for (const std::string& note : object->remarks()) notes.push_back(object->name() + ": " + note);
   }
   return notes;
 }

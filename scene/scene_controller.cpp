@@ -39,9 +39,10 @@ Command SceneController::touch(const State& state) noexcept {
   command.wrench.force = answer.force;
   std::size_t count = 0;
   for (const Contact& contact : answer.contacts) {
-    if (!contact.touched() && contact.force.isZero(0)) continue;
-    follow(contact, state.dt);
+    // A tool in a valley of a texture is about to meet its crests.
     command.vibration += contact.vibration;
+    if (!contact.acts() && contact.force.isZero(0)) continue;
+    follow(contact, state.dt);
     contacts_[count++] = {.object = contact.object,
                           .proxy = contact.proxy,
                           .normal = contact.normal,
@@ -54,7 +55,6 @@ Command SceneController::touch(const State& state) noexcept {
 }
 
 void SceneController::follow(const Contact& contact, double dt) noexcept {
-  if (!contact.touched()) return;
   Episode& episode = episodes_[contact.object];
   TouchFigures& figures = figures_[contact.object];
   if (!episode.begun) {

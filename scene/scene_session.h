@@ -10,8 +10,10 @@ namespace haptrace {
 /// Prediction of the force between two answers of a slow scene (Ellis, Sarkar and Jenkins 1996; Basdogan 2000).
 enum class Prediction : std::uint8_t {
   hold,    ///< last answer
-  linear,  ///< line through the last two answers, over time, for a period; never pulls, never over 1.5 times the last
-  model,   ///< plane and stiffness of the last contact, at the tool's current position (Adachi, Kumano and Ogino 1995)
+  linear,  ///< line through the last two answers, over time, for a period; it does not turn a push into a pull, holds
+           ///< the pull of an adhesion, and never exceeds 1.5 times the last answer
+  model,   ///< plane, stiffness and adhesion of the last contact, at the tool's current position (Adachi, Kumano and
+           ///< Ogino 1995); holds the friction of the last answer
 };
 
 Prediction parse_prediction(std::string_view name);  ///< "hold" | "linear" | "model"; throws Error(input)
@@ -30,7 +32,7 @@ struct TouchFigures {
 
   std::string name;      ///< name of the object
   int times = 0;         ///< number of contacts; gaps shorter than kLeft are ignored
-  double seconds = 0;    ///< total contact time [s]
+  double seconds = 0;    ///< total contact time, in which an adhesion pulls or a field acts included [s]
   double max_force = 0;  ///< largest magnitude of the object's answers, before limits and fades [N]
   double max_depth = 0;  ///< [m]
 };

@@ -171,10 +171,13 @@ Contact SlowScene::extrapolated(Contact contact) const noexcept {
   return contact;
 }
 
-/// The force along the normal follows the plane of the contact. The rest of the force is held while the plane is
-/// touched.
+/// The force along the normal follows the plane of the contact, and in front of it the spring of an adhesion. The rest
+/// of the force is held while the plane is touched.
 Contact SlowScene::modelled(Contact contact, const Touch& touch) const noexcept {
   if (contact.normal.isZero(0)) return contact;
+  const bool held = contact.acts();
+  // The pull of an adhesion follows from the place alone.
+  if (!contact.touched()) contact.force.setZero();
   const double before = std::max(0.0, contact.depth), damped_before = contact.touched() ? contact.damping : 0;
   contact.depth -= contact.normal.dot(touch.position - contact.place);
   contact.place = touch.position;
@@ -186,11 +189,38 @@ Contact SlowScene::modelled(Contact contact, const Touch& touch) const noexcept 
   if (contact.touched()) {
     contact.force += (std::max(0.0, push) - pushed) * contact.normal;
     contact.stored = std::max(0.0, contact.stored + 0.5 * contact.stiffness * deeper * (2 * before + deeper));
-  } else {
-    contact.force.setZero();
-    contact.stored = 0;
+    return contact;
   }
+  const AdhesionSpec adhesion = scene_->object(contact.object).surface().adhesion();
+  contact.clings = held && -contact.depth <= adhesion.reach() && adhesion.force > 0;
+  const double pull = contact.clings ? adhesion.stiffness * contact.depth : 0;
+  contact.force = pull * contact.normal;
+  contact.stored = 0.5 * pull * contact.depth;
   return contact;
+}
+
+std::vector<std::string> notes_on_prediction(const Scene& scene, Prediction prediction) {
+  std::vector<std::string> notes;
+  const auto note = [&](bool SurfaceParts::*part, const char* text) {
+    std::string names;
+    int count = 0;
+    for (std::size_t i = 0; i < scene.size(); ++i) {
+      if (!(scene.object(i).surface().parts().*part)) continue;
+      constexpr int kMostNames = 4;
+      if (++count <= kMostNames)
+        names += fmt::format("{}'{}'", names.empty() ? "" : ", ", scene.object(i).name());
+      else if (count == kMostNames + 1)
+        names += ", ...";
+    }
+    if (count > 0) notes.push_back(fmt::format("the prediction '{}' {}: {}", to_string(prediction), text, names));
+  };
+  if (prediction == Prediction::model) {
+    note(&SurfaceParts::friction, "holds the friction of the last result until the next one");
+    note(&SurfaceParts::texture, "does not know a texture's waves between two results");
+  }
+  if (prediction == Prediction::linear)
+    note(&SurfaceParts::adhesion, "holds the pull of an adhesion until the next result");
+  return notes;
 }
 
 std::vector<std::string> SlowScene::remarks() const {

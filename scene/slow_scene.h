@@ -15,6 +15,9 @@
 
 namespace haptrace {
 
+/// Returns notes for the user on the parts of the scene's surfaces that a prediction leaves out.
+std::vector<std::string> notes_on_prediction(const Scene& scene, Prediction prediction);
+
 /// Queries a scene at every n-th tick, in its own thread, and predicts its force at every tick from the answers
 /// received.
 ///

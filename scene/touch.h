@@ -37,8 +37,12 @@ struct Contact {
   double vibration = 0;      ///< amplitude of an intended vibration in the force, as of a texture [N]
   std::uint32_t object = 0;  ///< index in the scene
   bool pushed_out = false;   ///< the tool began inside the object, whose force grows slowly
+  bool clings = false;       ///< holds the tool without a penetration: an adhesion pulls, or a field drags
 
+  /// Returns whether the tool presses into the object.
   [[nodiscard]] bool touched() const noexcept { return depth > 0; }
+  /// Returns whether the object acts on the tool, or would if the tool moved.
+  [[nodiscard]] bool acts() const noexcept { return touched() || clings; }
 };
 
 /// Timing for which an object prepares.

@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
+#include "base/number.h"
 #include "base/units.h"
 #include "control/rotation.h"
 
@@ -60,6 +61,11 @@ Quat parse_rotation(std::string_view text) {
   const std::string_view axis_text = text.substr(0, equals);
   const std::optional<double> angle = parse_quantity(text.substr(equals + 1), "rad");
   if (!angle) throw wrong("has no valid angle");
+  if (number_of<double>(text.substr(equals + 1)) && std::abs(*angle) > 2 * std::numbers::pi)
+    throw input_error(
+        fmt::format("the rotation '{0}' is in radians and more than a full turn; {0}deg was meant? Otherwise write "
+                    "{0}rad",
+                    text));
   Vec3 axis = Vec3::Zero();
   if (axis_text.size() == 1 && std::string_view("xyz").find(axis_text) != std::string_view::npos)
     axis[static_cast<Eigen::Index>(axis_text[0] - 'x')] = 1;

@@ -1,6 +1,7 @@
 #include "formats/mesh/mesh_file.h"
 
 #include "base/error.h"
+#include "base/number.h"
 #include "base/text_file.h"
 #include "base/units.h"
 #include "formats/mesh/polygon.h"
@@ -16,6 +17,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fstream>
 #include <limits>
 #include <span>
 #include <unordered_map>
@@ -175,8 +177,63 @@ TriangleMesh unpacked(const std::string& bytes) {
   return mesh;
 }
 
+/// Returns the fewest bytes of a property of a PLY file: in text a digit and a separator.
+std::uint64_t least_bytes_of_property(std::string_view line, bool text) {
+  if (text) return 2;
+  std::string_view type = trim(line.substr(std::string_view("property").size()));
+  if (type.starts_with("list ")) type = trim(type.substr(5));  // at least its length
+  type = type.substr(0, type.find(' '));
+  for (const auto& [name, bytes] : {std::pair{"char", 1},
+                                    {"uchar", 1},
+                                    {"int8", 1},
+                                    {"uint8", 1},
+                                    {"short", 2},
+                                    {"ushort", 2},
+                                    {"int16", 2},
+                                    {"uint16", 2},
+                                    {"double", 8},
+                                    {"float64", 8}})
+    if (type == name) return static_cast<std::uint64_t>(bytes);
+  return 4;
+}
+
+/// Throws Error(input) if a PLY file is shorter than its header promises. Any other file passes: assimp judges it.
+void check_length_of_ply(const std::string& file) {
+  constexpr std::size_t kMostLines = 1000, kMostLine = 4096;
+  constexpr std::uint64_t kMostElements = 1ULL << 40U;
+  std::ifstream stream(file, std::ios::binary);
+  std::string promised, line(kMostLine, '\0');
+  std::uint64_t needed = 0, count = 0;
+  bool text = true, ended = false;
+  for (std::size_t i = 0; i < kMostLines && !ended; ++i) {
+    if (!stream.getline(line.data(), static_cast<std::streamsize>(line.size()))) return;
+    const std::string_view word = trim(std::string_view(line.c_str()));
+    if (i == 0 && word != "ply") return;
+    if (word.starts_with("format")) text = word.find("ascii") != std::string_view::npos;
+    if (word.starts_with("element ")) {
+      const std::size_t space = word.rfind(' ');
+      const auto number = number_of<std::uint64_t>(word.substr(space + 1));
+      count = number ? std::min(*number, kMostElements) : 0;
+      promised +=
+          fmt::format("{}{} {}", promised.empty() ? "" : ", ", word.substr(space + 1), word.substr(8, space - 8));
+    }
+    if (word.starts_with("property ")) needed += count * least_bytes_of_property(word, text);
+    ended = word == "end_header";
+  }
+  if (!ended) return;
+  const auto begin = static_cast<std::uint64_t>(std::max<std::streamoff>(0, stream.tellg()));
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(file, error);
+  // The last separator of a text may be absent.
+  if (error || begin + needed <= size + 1) return;
+  throw input_error(
+      fmt::format("{}: is shorter than its header promises: {} need at least {} bytes, but {} follow; is it complete?",
+                  file, promised, needed, size - std::min(size, begin)));
+}
+
 /// Reads a file in a process of its own: assimp ends the process at some broken files.
 TriangleMesh load_other(const std::string& file) {
+  check_length_of_ply(file);
   constexpr ReaderLimits kLimits{
       .memory = 256U << 20U, .memory_per_byte = 100, .seconds = 2, .bytes_per_second = 2'000'000};
   return unpacked(read_in_process(file, "a mesh", kLimits, [&] { return packed(load_with_assimp(file)); }));
@@ -340,16 +397,23 @@ std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
   const auto add = [&](std::size_t number, const std::string& text) {
     if (number > 0) remarks.push_back(text);
   };
-  add(report.flat, fmt::format("{} triangles have no area and were left out", report.flat));
-  add(report.repeated, fmt::format("{} triangles are there twice; one of each was left out", report.repeated));
-  add(report.turned, fmt::format("{} triangles were wound the other way round, and were turned over", report.turned));
+  // States a number of triangles with the verb that fits.
+  const auto triangles = [](std::size_t number, const char* one, const char* many) {
+    return number == 1 ? fmt::format("1 triangle {}", one) : fmt::format("{} triangles {}", number, many);
+  };
+  add(report.flat,
+      triangles(report.flat, "has", "have") + " no area and " + (report.flat == 1 ? "was left out" : "were left out"));
+  add(report.repeated, triangles(report.repeated, "is", "are") + " there twice; one of each was left out");
+  add(report.turned, triangles(report.turned, "was", "were") + " wound the other way round, and turned over");
   add(report.inside_out ? 1 : 0, "the mesh was inside out, and was turned over");
   add(report.open_edges,
-      fmt::format("{} edges are open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
+      fmt::format("{} open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
                   "surface there",
-                  report.open_edges, report.open_at.x(), report.open_at.y(), report.open_at.z()));
+                  report.open_edges == 1 ? "1 edge is" : fmt::format("{} edges are", report.open_edges),
+                  report.open_at.x(), report.open_at.y(), report.open_at.z()));
   add(report.shared_edges,
-      fmt::format("{} edges belong to more than two triangles: parts of the surface touch there", report.shared_edges));
+      fmt::format("{} to more than two triangles: parts of the surface touch there",
+                  report.shared_edges == 1 ? "1 edge belongs" : fmt::format("{} edges belong", report.shared_edges)));
   const double size = report.size.maxCoeff();
   add(size > kHuge || size < kTiny ? 1 : 0,
       fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(),

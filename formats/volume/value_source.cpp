@@ -64,14 +64,16 @@ class Bytes {
     return done;
   }
 
-  /// Checks what follows the values: the sum at the end of compressed ones.
-  void finish() {
-    if (!zipped_) return;
+  /// Checks what follows the values: the sum at the end of compressed ones. Returns whether there are more bytes.
+  bool finish() {
     char more = 0;
+    if (!zipped_) return read(&more, 1) > 0;
     int code = Z_OK;
-    if (gzread(zipped_.get(), &more, 1) < 0) throw damaged();
+    const int got = gzread(zipped_.get(), &more, 1);
+    if (got < 0) throw damaged();
     (void)gzerror(zipped_.get(), &code);
     if (code != Z_OK) throw damaged();
+    return got > 0;
   }
 
  private:
@@ -134,7 +136,8 @@ const TypeRow& row_of(ValueType type) noexcept {
   return kRows[static_cast<std::size_t>(type)];
 }
 
-void read_text(const ValueSource& source, std::size_t count, std::vector<float>& values) {
+/// Returns whether the text goes on after the values.
+bool read_text(const ValueSource& source, std::size_t count, std::vector<float>& values) {
   Bytes bytes(source);
   std::vector<char> buffer(1U << 16U);
   std::string word;
@@ -146,17 +149,19 @@ void read_text(const ValueSource& source, std::size_t count, std::vector<float>&
     add(source, number, values);
     word.clear();
   };
-  while (values.size() < count) {
+  for (;;) {
     const std::size_t got = bytes.read(buffer.data(), buffer.size());
     if (got == 0) break;
-    for (std::size_t i = 0; i < got && values.size() < count; ++i) {
+    for (std::size_t i = 0; i < got; ++i) {
       const char c = buffer[i];
       const bool blank = c == ' ' || c == '\t' || c == '\n' || c == '\r' || c == ',';
+      if (!blank && values.size() == count) return true;
       if (!blank) word += c;
       if ((blank && !word.empty()) || word.size() > 100) take();
     }
   }
   if (!word.empty() && values.size() < count) take();
+  return false;
 }
 
 }  // namespace
@@ -165,7 +170,7 @@ std::size_t bytes_of(ValueType type) noexcept {
   return row_of(type).bytes;
 }
 
-std::vector<float> read_values(const ValueSource& source, std::size_t count) {
+VolumeValues read_values(const ValueSource& source, std::size_t count) {
   namespace fs = std::filesystem;
   using Encoding = ValueSource::Encoding;
   std::error_code error;
@@ -180,10 +185,11 @@ std::vector<float> read_values(const ValueSource& source, std::size_t count) {
   if (!fits)
     throw input_error(fmt::format("{}: has {} bytes from byte {} on, too few for {} values; is it complete?",
                                   source.file, rest, source.begin, count));
-  std::vector<float> values;
+  VolumeValues read;
+  std::vector<float>& values = read.numbers;
   values.reserve(count);
   if (source.encoding == Encoding::text) {
-    read_text(source, count, values);
+    read.more = read_text(source, count, values);
   } else {
     Bytes bytes(source);
     std::vector<char> buffer(std::min(count, kChunk) * row.bytes);
@@ -198,10 +204,10 @@ std::vector<float> read_values(const ValueSource& source, std::size_t count) {
       row.decode(source, buffer.data(), got, values);
       if (got < wanted) break;
     }
-    if (values.size() == count) bytes.finish();
+    if (values.size() == count) read.more = bytes.finish();
   }
   if (values.size() < count) throw ends_early(source, values.size(), count);
-  return values;
+  return read;
 }
 
 }  // namespace haptrace

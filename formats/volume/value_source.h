@@ -28,8 +28,13 @@ struct ValueSource {
   double slope = 1, intercept = 0;  ///< a value is slope x number + intercept
 };
 
+struct VolumeValues {
+  std::vector<float> numbers;
+  bool more = false;  ///< the file has more than these
+};
+
 /// Reads values. Throws Error(input) naming the file and the place if there are fewer, if one is not finite, or if the
 /// file is too small to hold them, before memory for them is allocated.
-std::vector<float> read_values(const ValueSource& source, std::size_t count);
+VolumeValues read_values(const ValueSource& source, std::size_t count);
 
 }  // namespace haptrace

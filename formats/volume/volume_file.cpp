@@ -580,7 +580,11 @@ VolumeLoad load_volume(const std::string& file, const std::string& unit) {
   load.data.origin = metres * header.origin;
   load.data.steps = metres * header.steps;
   check_place(file, load.data, load.remarks);
-  load.data.values = read_values(header.source, count);
+  VolumeValues values = read_values(header.source, count);
+  if (values.more)
+    load.remarks.push_back(fmt::format("{} goes on after its {} x {} x {} values; are its sizes and its type right?",
+                                       header.source.file, header.sizes[0], header.sizes[1], header.sizes[2]));
+  load.data.values = std::move(values.numbers);
   return load;
 }
 

@@ -450,9 +450,25 @@ void Implicit::follow(const ToolStep& step, Proxy& proxy) const noexcept {
   proxy.depth = depth;
   proxy.known = proxy.touching = true;
   proxy.began_inside = inside;
+  remember(stand.held, proxy);
+}
+
+void Implicit::approach(const ToolStep& step, Proxy& proxy) const noexcept {
+  if (!is_finite(step.to) || field_.value(step.to) < 0) return;
+  const double most = step.reach + (box_.size() / kCoarse).norm();
+  if (!(tree_.nearest(step.to, most * most).distance2 < most * most)) return;
+  Held held;
+  const SurfacePoint point = nearest(step.to, held);
+  if (!(point.distance < step.reach)) return;
+  proxy = {
+      .position = point.position, .normal = point.normal, .depth = -point.distance, .known = true, .touching = true};
+  remember(held, proxy);
+}
+
+void Implicit::remember(const Held& held, Proxy& proxy) noexcept {
   proxy.memory.index = {};
-  for (std::size_t i = stand.held.count; i-- > 0;)
-    proxy.memory.index[0] = proxy.memory.index[0] << kPieceBits | stand.held.piece[i];
+  for (std::size_t i = held.count; i-- > 0;)
+    proxy.memory.index[0] = proxy.memory.index[0] << kPieceBits | held.piece[i];
 }
 
 Eigen::Matrix3d Implicit::slide(const Proxy& proxy) const noexcept {
@@ -523,6 +539,10 @@ Vec3 Implicit::closest(const Vec3& place, Held& held) const noexcept {
 
 SurfacePoint Implicit::nearest(const Vec3& place) const noexcept {
   Held held;
+  return nearest(place, held);
+}
+
+SurfacePoint Implicit::nearest(const Vec3& place, Held& held) const noexcept {
   SurfacePoint point{.position = closest(place, held)};
   const Vec3 out = place - point.position;
   const double distance = norm_of(out), sign = field_.value(place) < 0 ? -1 : 1;

@@ -36,6 +36,7 @@ class Implicit final : public Shape {
 
   void prepare(double radius) override;
   void follow(const ToolStep& step, Proxy& proxy) const noexcept override;
+  void approach(const ToolStep& step, Proxy& proxy) const noexcept override;
   [[nodiscard]] SurfacePoint nearest(const Vec3& place) const noexcept override;
   [[nodiscard]] Eigen::Matrix3d slide(const Proxy& proxy) const noexcept override;
   [[nodiscard]] std::vector<std::string> remarks() const override { return remarks_; }
@@ -81,6 +82,8 @@ class Implicit final : public Shape {
   [[nodiscard]] bool walk(const Vec3& to, bool pulls, Stand& stand) const noexcept;
   bool polish(Stand& stand, std::array<Vec3, 3>& normals) const noexcept;
   [[nodiscard]] Vec3 closest(const Vec3& place, Held& held) const noexcept;
+  [[nodiscard]] SurfacePoint nearest(const Vec3& place, Held& held) const noexcept;
+  static void remember(const Held& held, Proxy& proxy) noexcept;
   [[nodiscard]] TriangleMesh triangles(const std::array<int, 3>& cells) const;
 
   FieldTree field_;

@@ -256,6 +256,26 @@ void Mesh::follow_point(const ToolStep& step, Proxy& proxy) const noexcept {
   stand(foot, to, Side::behind, proxy);
 }
 
+void Mesh::approach(const ToolStep& step, Proxy& proxy) const noexcept {
+  const double most = step.radius + step.reach;
+  if (!is_finite(step.to)) return;
+  const TriangleTree::Nearest nearest = tree_.nearest(step.to, most * most);
+  if (!(nearest.distance2 < most * most)) return;
+  const Foot foot{nearest.triangle, nearest.point};
+  const Vec3 out = step.to - foot.point.position;
+  const Vec3 normal = pseudo_normal(foot);
+  // A tool that has come round an open edge is behind the surface.
+  if (out.dot(normal) < 0 || beyond_open_edge(foot, step.to)) return;
+  proxy = {};
+  stand(foot, step.to, Side::in_front, proxy);
+  if (!(step.radius > 0)) return;
+  const double distance = norm_of(out);
+  proxy.normal = distance > 0 ? Vec3(out / distance) : normal.stableNormalized();
+  proxy.depth = step.radius - distance;
+  // Off the surface by more than rounding, as follow() needs it.
+  proxy.position = foot.point.position + step.radius * (1 + 1e-9) * proxy.normal;
+}
+
 /// Returns the first part of the surface in the way of a proxy that moves in the plane of a triangle, and along that of
 /// another if there is one. Triangles with a common vertex are none: they continue the surface.
 TriangleTree::Hit Mesh::obstacle(std::uint32_t triangle, std::uint32_t other, const Vec3& from,

@@ -39,9 +39,11 @@ class Mesh final : public Shape {
 
   void prepare(double radius) override;
   void follow(const ToolStep& step, Proxy& proxy) const noexcept override;
+  void approach(const ToolStep& step, Proxy& proxy) const noexcept override;
   [[nodiscard]] SurfacePoint nearest(const Vec3& place) const noexcept override;
   [[nodiscard]] Eigen::Matrix3d slide(const Proxy& proxy) const noexcept override;
   [[nodiscard]] Vec3 smooth(const Proxy& proxy, double crease) const noexcept override;
+  [[nodiscard]] bool smooths() const noexcept override { return !(radius_ > 0); }
   [[nodiscard]] std::vector<std::string> remarks() const override;
   [[nodiscard]] Box bounds() const noexcept override { return bounds_; }
   [[nodiscard]] TriangleMesh tessellated(double tolerance, const Box& space) const override;

@@ -490,6 +490,18 @@ void Nurbs::begin(const ToolStep& step, Proxy& proxy) const noexcept {
   }
 }
 
+void Nurbs::approach(const ToolStep& step, Proxy& proxy) const noexcept {
+  if (!is_finite(step.to)) return;
+  const double most = step.radius + step.reach + 2 * made_with_;
+  const TriangleTree::Nearest found = tree_.nearest(step.to, most * most);
+  if (!(found.distance2 < most * most)) return;
+  Foot foot = foot_in(found.triangle, found.point.position);
+  descend(foot, step.to, kManySteps);
+  if (surface_point(foot, step.to).distance < 0) return;
+  proxy.touching = true;  // within the reach, not only behind the surface
+  (void)stand(foot, step, proxy);
+}
+
 // --- What others ask ---
 
 SurfacePoint Nurbs::nearest(const Vec3& place) const noexcept {

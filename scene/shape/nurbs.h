@@ -33,6 +33,7 @@ class Nurbs final : public Shape {
 
   void prepare(double radius) override;
   void follow(const ToolStep& step, Proxy& proxy) const noexcept override;
+  void approach(const ToolStep& step, Proxy& proxy) const noexcept override;
   [[nodiscard]] SurfacePoint nearest(const Vec3& place) const noexcept override;
   [[nodiscard]] Eigen::Matrix3d slide(const Proxy& proxy) const noexcept override;
   [[nodiscard]] std::vector<std::string> remarks() const override { return sheet_.remarks(); }

@@ -17,7 +17,7 @@ struct ToolStep {
   Vec3 from = nan3();      ///< place of the last query [m]; NaN: not known, so the tool may already be inside
   Vec3 to = Vec3::Zero();  ///< place now [m]
   double radius = 0;       ///< of the ball [m]
-  double reach = 0;        ///< distance in front of the surface within which a contact lasts, for adhesion [m]
+  double reach = 0;  ///< distance in front of the surface within which a contact lasts, for adhesion and textures [m]
 };
 
 /// A shape's part of a contact, its history included. It belongs to the contact, not to the shape: two tools can touch
@@ -49,8 +49,8 @@ struct SurfacePoint {
 
 /// Geometry in its own frame. It does not change after prepare(), and is shared by all contacts.
 ///
-/// Order of calls: set() any number of times, prepare(), then all others. Real-time: follow, nearest, slide and smooth
-/// allocate nothing, lock nothing, throw nothing. Threads: any number, after prepare().
+/// Order of calls: set() any number of times, prepare(), then all others. Real-time: follow, approach, nearest, slide
+/// and smooth allocate nothing, lock nothing, throw nothing. Threads: any number, after prepare().
 class Shape : public Adjustable {
  public:
   /// Does what follow() needs done beforehand for a tool of this radius [m]. Throws Error(input) when the shape cannot
@@ -64,6 +64,13 @@ class Shape : public Adjustable {
   /// the surface; it does not jump to another part that happens to be nearer. The contact ends when the tool is in
   /// front of the surface by more than the reach. A step is finite; any other leaves the proxy as it is.
   virtual void follow(const ToolStep& step, Proxy& proxy) const noexcept = 0;
+
+  /// Begins a contact with a tool in front of the surface, within the reach; only surfaces that a texture raises need
+  /// it. Called after a follow() of the same step that left no contact. This function serves the shapes whose follow()
+  /// states the nearest surface at any distance; the others look for it.
+  virtual void approach(const ToolStep& step, Proxy& proxy) const noexcept {
+    proxy.touching = proxy.known && proxy.depth > -step.reach;
+  }
 
   /// Returns the surface point that is closest to `place`, without history. For loading, checks and predictions.
   [[nodiscard]] virtual SurfacePoint nearest(const Vec3& place) const noexcept = 0;
@@ -81,6 +88,9 @@ class Shape : public Adjustable {
     (void)crease;
     return proxy.normal;
   }
+
+  /// Returns whether smooth() differs from the proxy's normal anywhere, once prepared.
+  [[nodiscard]] virtual bool smooths() const noexcept { return false; }
 
   /// Returns notes for the user on the prepared shape: what was found and changed while it was loaded.
   [[nodiscard]] virtual std::vector<std::string> remarks() const { return {}; }

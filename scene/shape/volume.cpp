@@ -223,6 +223,21 @@ void Volume::follow(const ToolStep& step, Proxy& proxy) const noexcept {
   release(proxy);
 }
 
+void Volume::approach(const ToolStep& step, Proxy& proxy) const noexcept {
+  if (!is_finite(step.to) || inside(step.to)) return;
+  const Vec3 start = field_->zero_near(step.to, step.radius + step.reach);
+  if (!is_finite(start)) return;
+  const Foot foot = moved(start, step.to, kMostSteps);
+  const double steep = norm_of(foot.gradient);
+  if (!(steep > 0)) return;
+  const Vec3 normal = foot.gradient / steep;
+  const double depth = step.radius + normal.dot(foot.place - step.to);
+  if (!(depth > -step.reach)) return;
+  proxy = {
+      .position = foot.place + step.radius * normal, .normal = normal, .depth = depth, .known = true, .touching = true};
+  proxy.memory.place = foot.place;
+}
+
 SurfacePoint Volume::nearest(const Vec3& place) const noexcept {
   SurfacePoint point;
   const Vec3 start = field_->zero_near(place, std::numeric_limits<double>::infinity());

@@ -35,7 +35,29 @@ class Detailed final : public Surface {
   }
 
   [[nodiscard]] double reach() const noexcept override {
-    if constexpr ((Parts & kAdhesion) != 0) return spec_.adhesion->force / spec_.adhesion->stiffness;
+    double reach = 0;
+    if constexpr ((Parts & kAdhesion) != 0) reach += spec_.adhesion->reach();
+    if constexpr ((Parts & kTexture) != 0)
+      if (raised()) reach += spec_.texture.height->highest();
+    return reach;
+  }
+
+  [[nodiscard]] SurfaceParts parts() const noexcept override {
+    return {.shading = (Parts & kShading) != 0,
+            .friction = (Parts & kFriction) != 0,
+            .texture = (Parts & kTexture) != 0,
+            .adhesion = (Parts & kAdhesion) != 0};
+  }
+
+  [[nodiscard]] AdhesionSpec adhesion() const noexcept override { return spec_.adhesion.value_or(AdhesionSpec{}); }
+
+  [[nodiscard]] bool raised() const noexcept override {
+    if constexpr ((Parts & kTexture) != 0) return spec_.texture.law == TextureLaw::potential;
+    return false;
+  }
+
+  [[nodiscard]] double height(const Vec3& proxy) const noexcept override {
+    if constexpr ((Parts & kTexture) != 0) return spec_.texture.height->at(proxy, 0).value;
     return 0;
   }
 
@@ -48,26 +70,25 @@ class Detailed final : public Surface {
                     .stiffness = spec_.elastic.stiffness,
                     .damping = spec_.elastic.damping};
     if (!proxy.touching) return contact;
-    if constexpr ((Parts & kAdhesion) != 0)
-      if (proxy.depth <= 0) return adhere(contact);
 
     Vec3 direction = proxy.normal;
     if constexpr ((Parts & kShading) != 0) direction = press.shape.smooth(proxy, *spec_.crease);
     // A texture turns the direction.
     // NOLINTNEXTLINE(performance-unnecessary-copy-initialization)
     const Vec3 normal = direction;
-    double depth = proxy.depth;
-    if constexpr ((Parts & kTexture) != 0) raise(press, depth, direction, contact.vibration);
-    const Elastic elastic = depth > 0 ? spring(depth) : Elastic{};
+    if constexpr ((Parts & kTexture) != 0) raise(press, contact, direction);
+    if constexpr ((Parts & (kTexture | kAdhesion)) != 0)
+      if (!(contact.depth > 0)) return in_front(contact, direction, memory);
+    const Elastic elastic = spring(contact.depth);
     contact.force = elastic.force * direction;
     contact.stored = elastic.stored;
     contact.stiffness = elastic.stiffness;
-    if constexpr ((Parts & kTexture) != 0) contact.vibration *= elastic.force;
     contact.force += spec_.elastic.damping * std::max(0.0, -press.velocity.dot(normal)) * normal;
     if constexpr ((Parts & kFriction) != 0) {
       contact.force += spec_.friction->pull(press, normal, contact.force.dot(normal), memory);
       contact.stored += spec_.friction->stored(memory);
     }
+    if constexpr ((Parts & kTexture) != 0 && (Parts & kAdhesion) != 0) memory.used = memory.stuck = true;
     return contact;
   }
 
@@ -98,39 +119,58 @@ class Detailed final : public Surface {
             "the texture of {:.3g} mm wavelength and {:.3g} mm amplitude is too fine for the device, whose positions "
             "are {:.3g} mm apart",
             1e3 * wave, 1e3 * amplitude, 1e3 * resolution_));
+      if (!raised())
+        remarks.emplace_back(
+            "the law 'bump' of the texture can drive the hand: a closed stroke may give energy; 'potential' does not");
     }
     return remarks;
   }
 
  private:
+  [[nodiscard]] double force_at(double depth) const noexcept { return depth > 0 ? spring(depth).force : 0; }
+
   [[nodiscard]] Elastic spring(double depth) const noexcept {
     if constexpr ((Parts & kLaw) != 0) return spec_.law->at(depth);
     const double force = spec_.elastic.stiffness * depth;
     return {force, spec_.elastic.stiffness, 0.5 * force * depth};
   }
 
-  [[nodiscard]] Contact adhere(Contact contact) const noexcept {
-    const AdhesionSpec& adhesion = *spec_.adhesion;
-    contact.force = adhesion.stiffness * contact.depth * contact.normal;
-    contact.stored = 0.5 * adhesion.stiffness * contact.depth * contact.depth;
-    contact.stiffness = adhesion.stiffness;
+  /// Completes the contact of a tool in front of the surface, which an adhesion may still hold.
+  [[nodiscard]] Contact in_front(Contact contact, const Vec3& direction, SurfaceMemory& memory) const noexcept {
+    bool holds = (Parts & kAdhesion) != 0;
+    // The reach of a raised surface is more than the adhesion's, and the tool may be on its way in.
+    if constexpr ((Parts & kTexture) != 0 && (Parts & kAdhesion) != 0)
+      holds = !raised() || (memory.stuck && -contact.depth <= spec_.adhesion->reach());
+    if (!holds) {
+      memory = {};
+      return contact;
+    }
+    const double stiffness = adhesion().stiffness;
+    contact.force = stiffness * contact.depth * direction;
+    contact.stored = 0.5 * stiffness * contact.depth * contact.depth;
+    contact.stiffness = stiffness;
     contact.damping = 0;
+    contact.clings = true;
     return contact;
   }
 
-  /// Adds the texture's height to the depth and turns the direction of the force. `vibration` becomes the force that
-  /// varies, as a share of the spring's.
-  void raise(const Press& press, double& depth, Vec3& direction, double& vibration) const noexcept {
+  /// Adds the texture's height to the depth, or turns the direction of the force, and declares the force that varies.
+  void raise(const Press& press, Contact& contact, Vec3& direction) const noexcept {
     const Height& height = *spec_.texture.height;
     const Vec3& normal = press.proxy.normal;
     const double speed = norm_of(press.velocity - press.velocity.dot(normal) * normal);
     const HeightSample sample = height.at(press.proxy.position, kPerWave * speed / rate_hz_);
+    if (raised()) {
+      contact.depth += sample.value;
+      contact.proxy += sample.value * normal;
+    }
     // The height varies the depth, and the slope the direction.
     const double wave = height.wavelength(), along = 2 * std::numbers::pi / wave;
-    const double normal_share = depth > 0 ? std::min(1.0, height.amplitude() / depth) : 1;
-    vibration = std::hypot(normal_share, height.amplitude() * along) * std::min(1.0, speed / (wave * kSlowVibration));
-    if (spec_.texture.law == TextureLaw::potential) {
-      depth += sample.value;
+    const double low = press.proxy.depth - height.amplitude(), high = press.proxy.depth + height.amplitude();
+    const double swing = raised() ? 0.5 * (force_at(high) - force_at(low)) : 0;
+    contact.vibration = std::hypot(swing, force_at(contact.depth) * height.amplitude() * along) *
+                        std::min(1.0, speed / (wave * kSlowVibration));
+    if (raised()) {
       direction -= press.shape.slide(press.proxy).transpose() * sample.gradient;
       return;
     }

@@ -13,13 +13,6 @@
 
 namespace haptrace {
 
-/// Pull of a surface on a tool that leaves it, up to a largest force; the contact then ends. It is a spring, so it
-/// gives back no more than it took.
-struct AdhesionSpec {
-  double force = 0;      ///< largest pull [N]
-  double stiffness = 0;  ///< [N/m]
-};
-
 /// The parts of a detailed surface; what is absent executes nothing.
 struct DetailedSpec {
   ElasticSpec elastic;  ///< its stiffness is not used if there is a law
@@ -35,8 +28,10 @@ struct DetailedSpec {
 ///
 ///     F = U'(d + h) (n - J^T grad h)      J = Shape::slide(), the derivative of the proxy's place
 ///
-/// which is the gradient of U(d + h). With shading n is the smooth normal. Friction acts on the load |F.n|. A texture
-/// part fades where the tool's speed over its wavelength passes a fifth of the rate: kPerWave samples to a wave.
+/// which is the gradient of U(d + h). So the tool is touched where d + h > 0: crests are felt in front of the shape,
+/// and in valleys nothing is felt behind it. An adhesion pulls from d + h = 0 on. With shading n is the smooth normal.
+/// Friction acts on the load |F.n|. A texture part fades where the tool's speed over its wavelength passes a fifth of
+/// the rate: kPerWave samples to a wave.
 std::unique_ptr<Surface> make_detailed(DetailedSpec spec);
 
 inline constexpr double kPerWave = 5;  ///< ticks

@@ -35,9 +35,7 @@ Bound parse_bound(const std::string& text) {
   std::vector<std::string> known;
   for (const MeasureFacts& facts : measures()) known.emplace_back(facts.name);
   const auto found = std::find(known.begin(), known.end(), name);
-  if (found == known.end())
-    throw wrong(
-        fmt::format("unknown measure '{}'{}; known: {}", name, suggestion(name, known), fmt::join(known, ", ")));
+  if (found == known.end()) throw wrong(fmt::format("unknown measure '{}'{}", name, suggestion(name, known)));
   const MeasureFacts& facts = measures()[static_cast<std::size_t>(found - known.begin())];
   if ((text[sign] == '<') != facts.at_most)
     throw wrong(fmt::format("{} is bounded by {}", name, facts.at_most ? "<=" : ">="));
@@ -96,6 +94,15 @@ Budget parse_budget(std::string_view text) {
     begin = comma + 1;
   }
   return budget;
+}
+
+void check_counted(const Budget& budget) {
+  for (const Measure measure : {Measure::instructions, Measure::load})
+    if (budget.limits(measure))
+      throw input_error(fmt::format(
+          "--budget: {} is bounded, but no instructions are counted here; bound `tick`, which is a time, or count "
+          "instructions: leave out --no-instructions, on a system that lets a process trace its child",
+          facts_of(measure).name));
 }
 
 std::string to_string(const Bound& bound) {

@@ -39,6 +39,9 @@ struct Budget {
 /// units m, mm, um, N, mN, s, ms, us, ns, MIPS, MB/h, GB/h or none. Throws Error(input) that names the part.
 Budget parse_budget(std::string_view text);
 
+/// Throws Error(input) if the budget bounds a measure that needs counted instructions.
+void check_counted(const Budget& budget);
+
 std::string to_string(const Bound& bound);
 std::string to_string(const Budget& budget);
 

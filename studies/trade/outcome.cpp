@@ -61,8 +61,7 @@ const std::vector<MeasureFacts>& measures() {
        "factor by which the gains may be raised before the loop oscillates"},
       {Measure::tick, "tick", "us", 1e-6, true, false, "median time of a tick"},
       {Measure::instructions, "instructions", "", 1, true, false, "instructions per tick"},
-      {Measure::load, "load", "MIPS", 1e6, true, false,
-       "instructions per second, or nanoseconds if instructions cannot be counted"},
+      {Measure::load, "load", "MIPS", 1e6, true, false, "instructions per second"},
       {Measure::start, "start", "ms", 1e-3, true, false, "time from the path in memory to the first tick"},
       {Measure::bytes, "bytes", "MB/h", 1e6, true, false, "size of a recording"}};
   return all;
@@ -83,7 +82,7 @@ double mean_of(const Outcome& outcome, Measure measure) {
     case Measure::instructions:
       return outcome.instructions;
     case Measure::load:
-      return outcome.load();
+      return outcome.counted() ? outcome.load() : kNaN;
     case Measure::start:
       return outcome.start;
     default:
@@ -101,6 +100,11 @@ std::string text_of(Measure measure, double value) {
   return fmt::format("{:.3g}{}{}", value / facts.scale, *facts.unit != 0 ? " " : "", facts.unit);
 }
 
+std::string text_of_load(const Outcome& outcome) {
+  if (outcome.counted()) return text_of(Measure::load, outcome.load());
+  return fmt::format("{:.3g} % of the time", 100 * 1e-9 * outcome.load());
+}
+
 nlohmann::json to_json(const Outcome& outcome) {
   nlohmann::json json{{"configuration", to_json(outcome.configuration)}, {"runs", outcome.runs}};
   if (!outcome.refused.empty()) json["refused"] = outcome.refused;
@@ -115,7 +119,8 @@ nlohmann::json to_json(const Outcome& outcome) {
   json["tick_s"] = json_of_number(outcome.tick);
   json["control_s"] = json_of_number(outcome.control);
   json["instructions"] = json_of_number(outcome.instructions);
-  json["load_per_s"] = json_of_number(outcome.load());
+  json["load_per_s"] = json_of_number(mean_of(outcome, Measure::load));
+  json["load_share_of_time"] = json_of_number(outcome.counted() ? kNaN : 1e-9 * outcome.load());
   json["start_s"] = json_of_number(outcome.start);
   json["duration_s"] = outcome.duration;
   json["bytes_per_hour"] = json_of_number(outcome.bytes_per_hour);

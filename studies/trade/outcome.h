@@ -4,6 +4,7 @@
 #include "base/types.h"
 #include "studies/trade/configuration.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -47,7 +48,8 @@ struct Outcome {
   double bytes_per_hour = kNaN;  ///< size of an hour of its recording [bytes]
 
   [[nodiscard]] bool ran() const noexcept { return refused.empty() && runs > 0; }
-  /// Returns its price per second.
+  [[nodiscard]] bool counted() const noexcept { return std::isfinite(instructions); }
+  /// Returns its price per second [1/s], or its share of a second if instructions were not counted [1e-9].
   [[nodiscard]] double load() const noexcept { return configuration.rate_hz * price; }
 };
 
@@ -74,6 +76,8 @@ double mean_of(const Outcome& outcome, Measure measure);
 
 /// Returns a text like "0.052 mm".
 std::string text_of(Measure measure, double value);
+/// Returns the load: "5.3 MIPS", or "0.13 % of the time" if instructions were not counted.
+std::string text_of_load(const Outcome& outcome);
 
 nlohmann::json to_json(const Outcome& outcome);
 

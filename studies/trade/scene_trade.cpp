@@ -135,9 +135,7 @@ SceneBudget parse_scene_budget(std::string_view text) {
     std::vector<std::string> known;
     for (const BoundFacts& bound : kBounds) known.emplace_back(bound.name);
     const auto found = std::find(known.begin(), known.end(), name);
-    if (found == known.end())
-      throw wrong(
-          fmt::format("unknown measure '{}'{}; known: {}", name, suggestion(name, known), fmt::join(known, ", ")));
+    if (found == known.end()) throw wrong(fmt::format("unknown measure '{}'{}", name, suggestion(name, known)));
     const BoundFacts& bound = kBounds.at(static_cast<std::size_t>(found - known.begin()));
     const std::string_view quantity = trim(std::string_view(part).substr(sign + 2));
     if (number_of<double>(quantity)) throw wrong(fmt::format("write its unit, as in {}<=1{}", name, bound.si));

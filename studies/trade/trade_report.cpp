@@ -182,7 +182,7 @@ std::string text_of(const TradeReport& report) {
   const std::size_t told = std::min(report.front.size(), kMostTold);
   for (std::size_t i = 0; i < told; ++i) {
     const Outcome& outcome = report.front[told < 2 ? 0 : i * (report.front.size() - 1) / (told - 1)];
-    text += fmt::format("  {}, load {}\n", describe(outcome.configuration), text_of(Measure::load, outcome.load()));
+    text += fmt::format("  {}, load {}\n", describe(outcome.configuration), text_of_load(outcome));
     text += table_row("", outcome);
   }
   return text;

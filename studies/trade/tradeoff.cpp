@@ -204,7 +204,7 @@ class TickPrices {
       total_ = price_of(base_);
       counted_ = std::isfinite(total_);
     }
-    if (!counted_) total_ = price_of(base_);
+    if (!counted_) time_base();
     std::vector<std::pair<std::string, Configuration>> changed;
     const auto add = [&](const std::string& name, const auto& change) {
       Configuration configuration = base_;
@@ -230,7 +230,7 @@ class TickPrices {
     }
     for (std::size_t i = 0; i < changed.size() && stop.count() == 0; ++i) {
       const auto& [name, configuration] = changed[i];
-      added_[name] = configuration == base_ ? 0 : price_of(configuration) - total_;
+      added_[name] = configuration == base_ ? 0 : difference_to(configuration);
       told(static_cast<double>(i + 1) / static_cast<double>(changed.size()));
     }
   }
@@ -244,11 +244,27 @@ class TickPrices {
     const bool plain_observer = c.law == to_string(TrackingLaw::observer) && added_.contains(kPlainObserver);
     for (const std::string& name : names_of(with))
       sum += added(name == kObserver && plain_observer ? kPlainObserver : name);
-    outcome.price = sum;
+    // A sum of differences of times can be less than any tick takes.
+    outcome.price = counted_ ? sum : std::max(sum, least_);
     if (counted_) outcome.instructions = sum;
   }
 
  private:
+  /// Times the base several times: their median, and their spread, below which a difference is noise.
+  void time_base() {
+    std::array<double, 5> times{};
+    for (double& time : times) time = price_of(base_);
+    std::sort(times.begin(), times.end());
+    least_ = times.front();
+    total_ = times[times.size() / 2];
+    noise_ = times.back() - times.front();
+  }
+  [[nodiscard]] double difference_to(const Configuration& configuration) {
+    const double price = price_of(configuration);
+    if (!counted_) least_ = std::min(least_, price);
+    const double difference = price - total_;
+    return std::abs(difference) <= noise_ ? 0 : difference;
+  }
   [[nodiscard]] double price_of(const Configuration& configuration) const {
     if (counted_) return bench_.count_ticks(configuration);
     Outcome outcome{.configuration = configuration, .runs = 1};
@@ -264,6 +280,8 @@ class TickPrices {
   Configuration base_;
   bool counted_ = false;
   double total_ = kNaN;
+  double noise_ = 0;  ///< of a difference of two times [ns]
+  double least_ = 0;  ///< shortest tick that was timed [ns]
   std::map<std::string, double> added_;
 };
 

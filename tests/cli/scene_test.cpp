@@ -5,7 +5,9 @@
 #include "report/recording_figure.h"
 #include "tests/cli/command.h"
 
+#include <algorithm>
 #include <filesystem>
+#include <fmt/format.h>
 
 namespace haptrace {
 namespace {
@@ -85,6 +87,16 @@ void report_errors(const std::vector<std::string>& start, const TempFolder& fold
   EXPECT_EQ(moon.exit_code, 0) << moon.err;
   EXPECT_THAT(moon.err, HasSubstr("'moon' lies outside the workspace"));
   EXPECT_THAT(moon.out, HasSubstr("moon: not touched"));
+  std::string moons;
+  for (int i = 0; i < 9; ++i)
+    moons +=
+        fmt::format(R"({}{{"kind": "sphere", "name": "m{}", "centre": [1, 0, 0], "radius": 0.1, "stiffness": 100}})",
+                    i > 0 ? ", " : "", i);
+  all.back() = folder.write("moons.json", R"({"objects": [)" + moons + "]}");
+  std::replace(all.begin(), all.end(), folder / "a.h5", folder / "b.h5");
+  const Answer many = Command(all).wait();
+  EXPECT_THAT(many.err, HasSubstr("9 of 9 objects lie outside the workspace"));
+  EXPECT_THAT(many.err, HasSubstr("'m0', 'm1', 'm2', 'm3', ... cannot be touched"));
 }
 
 TEST(RecordScene, ReportsErrorsBeforeItWritesAFile) {

@@ -540,6 +540,19 @@ std::string ply_of(const TriangleMesh& mesh) {
   return text;
 }
 
+TEST(MeshFiles, AreRefusedAtOnceIfAPlyIsShorterThanItsHeaderPromises) {
+  const TempFolder folder;
+  for (const char* format : {"ascii", "binary_little_endian"}) {
+    const std::string header = fmt::format(
+        "ply\nformat {} 1.0\nelement vertex 3000000\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n",
+        format);
+    EXPECT_THAT(error_of([&] { load_mesh(folder.write("short.ply", header + "0 0 0\n"), "mm"); }),
+                testing::AllOf(HasSubstr("shorter than its header promises: 3000000 vertex, 1 face"),
+                               HasSubstr("but 6 follow")));
+  }
+}
+
 TEST(MeshFiles, AreReadAlikeFromObjStlAndPly) {
   const TempFolder folder;
   const TriangleMesh mesh = bumpy_sphere(32, 1, 400);
@@ -631,7 +644,7 @@ TEST(MeshFiles, AreRepairedWithANoteWhereThatIsPossible) {
   EXPECT_EQ(remarks_of(good), "{}");
   TriangleMesh mesh = good;
   std::swap(mesh.triangles[3][0], mesh.triangles[3][1]);
-  EXPECT_THAT(remarks_of(mesh), HasSubstr("1 triangles were wound the other way round"));
+  EXPECT_THAT(remarks_of(mesh), HasSubstr("1 triangle was wound the other way round"));
   mesh = good;
   for (auto& t : mesh.triangles) std::swap(t[0], t[1]);
   EXPECT_THAT(remarks_of(mesh), HasSubstr("inside out"));
@@ -639,8 +652,8 @@ TEST(MeshFiles, AreRepairedWithANoteWhereThatIsPossible) {
   mesh = good;
   mesh.triangles.push_back({0, 0, 1});
   mesh.triangles.push_back(mesh.triangles[5]);
-  EXPECT_THAT(remarks_of(mesh),
-              testing::AllOf(HasSubstr("1 triangles have no area"), HasSubstr("1 triangles are there twice")));
+  EXPECT_THAT(remarks_of(mesh), testing::AllOf(HasSubstr("1 triangle has no area and was left out"),
+                                               HasSubstr("1 triangle is there twice")));
   mesh = good;
   mesh.triangles.pop_back();
   EXPECT_THAT(remarks_of(mesh), HasSubstr("3 edges are open"));

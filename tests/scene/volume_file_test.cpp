@@ -173,6 +173,18 @@ TEST(VolumeFile, PlacesTheGridAsTheFileSays) {
   EXPECT_EQ(load_volume(folder.write("b.nrrd", last), "mm").data.at(1, 0, 1), 'f');
 }
 
+TEST(VolumeFile, SaysThatTheFileGoesOnAfterItsValues) {
+  const TempFolder folder;
+  const auto remarks = [&](const std::string& content) {
+    return testing::PrintToString(load_volume(folder.write("a.nrrd", content), "mm").remarks);
+  };
+  const std::string text = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: text\n\n1 2 3 4 5 6 7 8";
+  EXPECT_THAT(remarks(nrrd("sizes: 2 2 2", std::string(9, 'x'))), HasSubstr("goes on after its 2 x 2 x 2 values"));
+  EXPECT_THAT(remarks(text + " 9"), HasSubstr("goes on after its 2 x 2 x 2 values"));
+  for (const std::string& whole : {nrrd("sizes: 2 2 2", std::string(8, 'x')), text, text + " \n"})
+    EXPECT_THAT(remarks(whole), testing::Not(HasSubstr("goes on")));
+}
+
 TEST(VolumeFile, NamesTheFileThePlaceAndTheMistake) {
   const TempFolder folder;
   const std::string eight(8, 'x');

@@ -31,6 +31,8 @@ class GridHeight final : public Height {
   void prepare() override;
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return amplitude_; }
+  /// Cubic interpolation overshoots: its weights add up to at most 1.25 in magnitude, along each side.
+  [[nodiscard]] double highest() const noexcept override { return (order_ == 1 ? 1 : 1.25 * 1.25) * amplitude_; }
   [[nodiscard]] double wavelength() const noexcept override { return wavelength_; }
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;

@@ -27,6 +27,9 @@ class Height : public Adjustable {
 
   /// Returns a bound of |value|, or the typical amplitude where there is none [m].
   [[nodiscard]] virtual double amplitude() const noexcept = 0;
+  /// Returns the largest height that is to be expected anywhere, where amplitude() is typical or was sampled: contacts
+  /// begin at this distance in front of the shape [m].
+  [[nodiscard]] virtual double highest() const noexcept { return amplitude(); }
   /// Returns the shortest wavelength that carries a considerable part of it [m].
   [[nodiscard]] virtual double wavelength() const noexcept = 0;
 

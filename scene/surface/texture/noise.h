@@ -61,6 +61,7 @@ class SpotHeight final : public Height {
   SpotHeight(const NoiseSpec& spec, double density);
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return spec_.amplitude; }
+  [[nodiscard]] double highest() const noexcept override;
   [[nodiscard]] double wavelength() const noexcept override { return spec_.wavelength; }
 
  private:
@@ -78,6 +79,7 @@ class CellularHeight final : public Height {
   CellularHeight(const NoiseSpec& spec, CellularKind kind, int cells);
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return spec_.amplitude; }
+  [[nodiscard]] double highest() const noexcept override;
   [[nodiscard]] double wavelength() const noexcept override { return spec_.wavelength; }
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;

@@ -219,6 +219,8 @@ TEST(PathChange, ReadsAxesAnglesPlacesAndVectorsWithUnits) {
   for (const char* text :
        {"", "z", "z=", "z=ninety", "z=nan", "z=inf", "w=1", "0,0,0=1", "1,0=1", "z=3mm", "=1", "zz=1"})
     EXPECT_THAT(error_of([&] { (void)parse_rotation(text); }), HasSubstr("rotation")) << text;
+  EXPECT_THAT(error_of([] { (void)parse_rotation("z=90"); }), HasSubstr("z=90deg was meant? Otherwise write z=90rad"));
+  EXPECT_LT((rotation_vector(parse_rotation("z=7rad")) - Vec3(0, 0, 7 - 2 * std::numbers::pi)).norm(), 1e-12);
   for (const char* text : {"", "1,2", "1,2,3,4", "1,,3", "1s,0,0", "nan,0,0", "a,b,c", ",,"})
     EXPECT_THAT(error_of([&] { (void)parse_vector(text, "m", "the offset"); }), HasSubstr("the offset is '")) << text;
   EXPECT_THAT(error_of([] { (void)parse_change_centre("end"); }), HasSubstr("origin, start, centre"));

@@ -98,8 +98,26 @@ TEST(Estimate, IsAMeanWithStudentsInterval) {
 
 TEST(Outcome, LoadIsThePriceTimesTheRate) {
   Outcome outcome{.configuration = {.rate_hz = 500}, .runs = 1};
-  outcome.price = 4000;
+  outcome.price = outcome.instructions = 4000;
   EXPECT_DOUBLE_EQ(mean_of(outcome, Measure::load), 500 * 4000);
+  EXPECT_EQ(text_of_load(outcome), "2 MIPS");
+}
+
+TEST(Outcome, LoadIsAShareOfTheTimeAndNoMeasureOfABudgetWithoutCountedInstructions) {
+  Outcome outcome{.configuration = {.rate_hz = 500}, .runs = 1};
+  outcome.price = 4000;  // [ns]
+  EXPECT_TRUE(std::isnan(mean_of(outcome, Measure::load)));
+  EXPECT_FALSE(parse_budget("load<=1000MIPS").kept(outcome));
+  EXPECT_EQ(text_of_load(outcome), "0.2 % of the time");
+  EXPECT_DOUBLE_EQ(to_json(outcome)["load_share_of_time"], 0.002);
+  EXPECT_TRUE(to_json(outcome)["load_per_s"].is_null());
+}
+
+TEST(Budget, IsRefusedWhereItNeedsInstructionsAndNoneAreCounted) {
+  EXPECT_THAT(error_of([] { check_counted(parse_budget("error<=1mm, load<=5MIPS")); }),
+              HasSubstr("load is bounded, but no instructions are counted"));
+  EXPECT_THAT(error_of([] { check_counted(parse_budget("instructions<=5000")); }), HasSubstr("bound `tick`"));
+  check_counted(parse_budget("error<=1mm, tick<=2us"));
 }
 
 }  // namespace

@@ -270,6 +270,12 @@ TEST_P(MeasuredTrade, WritesJsonAndTextAndDrawsAPicture) {
   EXPECT_EQ(json["knobs"].size(), report_->sweeps.size());
   EXPECT_EQ(predicted_by(choice->outcome)["rms_error_m"], choice->outcome.rms_error.mean);
   EXPECT_THAT(text_of(*report_), testing::HasSubstr("the Pareto front"));
+  EXPECT_THAT(text_of(*report_), testing::HasSubstr(GetParam() ? " MIPS\n" : " % of the time\n"));
+  for (const Outcome& outcome : report_->tried) {
+    if (outcome.ran()) {
+      EXPECT_GT(outcome.load(), 0) << describe(outcome.configuration);
+    }
+  }
   EXPECT_EQ(figure_of(*report_, &*choice).rows.size(), 2U);
 }
 
