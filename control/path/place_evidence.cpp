@@ -84,7 +84,7 @@ void from_keys(const Key* __restrict key, std::size_t n, float* __restrict total
 /// Returns the index of the first of the least.
 std::size_t least_of(const std::vector<float>& values) noexcept {
   constexpr std::size_t kLanes = 8;
-  std::array<float, kLanes> least;
+  std::array<float, kLanes> least{};
   least.fill(values[0]);
   std::size_t j = 0;
   for (; j + kLanes <= values.size(); j += kLanes)
