@@ -74,7 +74,7 @@ target_precompile_headers(haptrace_precompiled PRIVATE ${HAPTRACE_PRECOMPILED} <
 
 # haptrace_library(<folder> SOURCES <file>... [ALONE <file>...] [PUBLIC <target>...] [PRIVATE <target>...])
 # With HAPTRACE_UNITY, eight sources are compiled as one; ALONE names those of `SOURCES` that give a private name to
-# something else than another source does.
+# something else than another source does, or that need a shared library which a small program does without.
 function(haptrace_library folder)
   cmake_parse_arguments(ARG "" "" "SOURCES;ALONE;PUBLIC;PRIVATE" ${ARGN})
   add_library(haptrace_${folder} STATIC ${ARG_SOURCES})

@@ -44,6 +44,8 @@ void ReachForces::begin() noexcept {
 }
 
 Vec3 ReachForces::limited(const Vec3& force) const noexcept {
+  // Most forces are small; the inverse of the tiniest ones would overflow in their norm.
+  if (force.cwiseAbs().maxCoeff() <= 0.5 * options_.max_force) return force;
   const double size = norm_of(force);
   return size > options_.max_force ? Vec3(options_.max_force / size * force) : force;
 }
@@ -60,7 +62,7 @@ double ReachForces::advance(const State& state, bool acts, double share) noexcep
   const double speed = norm_of(state.velocity);
   if (speed >= kMoves)
     still_ = 0;
-  else if (speed < kStill && norm_of(force_) > kHeld)
+  else if (speed < kStill && force_.cwiseAbs().maxCoeff() > kHeld)
     still_ += state.dt;
   const bool holds = still_ >= kHolds;
   holding_.advance(holds ? 0 : 1, state.dt, holds ? kDecay : rise());
