@@ -221,7 +221,7 @@ class Assigner {
     struct Group {
       Group() { fields.fill(Assignment::kNone); }
       std::size_t first = 0;
-      std::array<std::size_t, kMostComponents> fields;
+      std::array<std::size_t, kMostComponents> fields{};
       std::optional<std::array<std::size_t, 3>> twice = std::nullopt;  // cell, fields
     };
     for (std::size_t i = 0; i < column.width(); ++i)
