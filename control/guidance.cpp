@@ -29,6 +29,13 @@ double depth(const PathProjection::Foot& foot) {
   return foot.tube.distance - foot.tube.radius;
 }
 
+/// Returns the foot with the radii in force instead of the path's own.
+PathProjection::Foot tuned(PathProjection::Foot foot, const GuideTuning& tuning) noexcept {
+  foot.place.radius = tuning.radius(foot.place.radius);
+  foot.tube.radius = tuning.radius(foot.tube.radius);
+  return foot;
+}
+
 const Guidance::Options& checked_guidance(const Guidance::Options& options) {
   check_range("the energy of guidance", options.energy, 1e-3, 100, "J");
   check_range("the width of the gate", options.gate_width, 1e-6, 1, "m");
@@ -135,20 +142,17 @@ bool Guidance::is_active() const noexcept {
 
 double Guidance::stored(const PathProjection::Foot& foot, const PathProjection::Tube& tube,
                         const GuideTuning& tuning) const noexcept {
-  PathProjection::Foot tuned = foot;
-  tuned.place.radius = tuning.radius(foot.place.radius);
-  tuned.tube = tube;
-  tuned.tube.radius = tuning.radius(tube.radius);
+  PathProjection::Foot there = foot;
+  there.tube = tube;
+  there = tuned(there, tuning);
   double stored = 0;
-  for (const auto& term : terms_) stored += term->stored(tuned, tuning);
+  for (const auto& term : terms_) stored += term->stored(there, tuning);
   return tuning.share * stored;
 }
 
 Vec3 Guidance::springs(const State& state, const PathProjection::Foot& foot) const noexcept {
-  PathProjection::Foot tuned = foot;
-  tuned.place.radius = tuning_.radius(foot.place.radius);
-  tuned.tube.radius = tuning_.radius(foot.tube.radius);
-  const GuideInput input{state, tuned, gate(tuned), tuning_};
+  const PathProjection::Foot in_force = tuned(foot, tuning_);
+  const GuideInput input{state, in_force, gate(in_force), tuning_};
   Vec3 sum = Vec3::Zero();
   for (const auto& term : terms_)
     if (term->kind() == GuideTerm::Kind::restoring) sum += term->force(input);
@@ -242,10 +246,8 @@ Vec3 Guidance::update(const State& state, const PathProjection::Foot& foot, bool
   }
   account(state, foot, cursor);
   approach(foot, state.dt);
-  PathProjection::Foot tuned = foot;
-  tuned.place.radius = tuning_.radius(foot.place.radius);
-  tuned.tube.radius = tuning_.radius(foot.tube.radius);
-  const GuideInput input{state, tuned, gate(tuned), tuning_};
+  const PathProjection::Foot in_force = tuned(foot, tuning_);
+  const GuideInput input{state, in_force, gate(in_force), tuning_};
   Vec3 spring = Vec3::Zero(), passive = Vec3::Zero(), active = Vec3::Zero();
   for (const auto& term : terms_) {
     Vec3& sum = term->kind() == GuideTerm::Kind::restoring     ? spring

@@ -9,7 +9,7 @@
 
 namespace haptrace {
 
-/// What a reach is for.
+/// The purpose of a reach.
 enum class ReachKind : std::uint8_t {
   plain,        ///< the force field of its block acts, if the block has one
   catch_trial,  ///< the field is off without a warning: the deviation shows what the participant expects

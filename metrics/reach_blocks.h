@@ -1,4 +1,4 @@
-// What the blocks of a reaching exercise show: deviation, after-effect and adaptation.
+// Results of the blocks of a reaching exercise: deviation, after-effect and adaptation.
 #pragma once
 
 #include "formats/documents/session_log.h"

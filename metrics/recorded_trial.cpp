@@ -174,9 +174,8 @@ constexpr TrialFigure kFigures[] = {
      kUnfiltered},
     {"completion", "path completed", "%", 1e2, 0, 1, [](const TrialFigures& f) { return f.completion; },
      "Share of the path's length that the hand passed, each part once. Parts that the hand left out do not count; "
-     "corners that it cut do, and so do the last 2 mm, at which a repetition ends. Of a reach, the largest share of "
-     "the "
-     "distance to the target that the hand came.",
+     "corners that it cut do, and so do the last 2 mm, at which a repetition ends. For a reach: the largest share of "
+     "the distance to the target that the hand came.",
      kUnfiltered},
     {"shape_distance_m", "shape distance", "mm", 1e3, 2, -1, [](const TrialFigures& f) { return f.shape_distance; },
      "Mean distance between the hand's path and the whole path along their best alignment, independent of speed "

@@ -49,8 +49,8 @@ void ArcPath::Builder::add(double time, const Vec3& position, const Vec3& force)
     duration_ += elapsed;
     share = to;
   };
-  // The end of the move tells whether there is another knot: the squares of a tiny move underflow, those of a distance
-  // from a knot do not matter then.
+  // Whether another knot follows is asked of the end of the move. The move itself may be so short that its square is 0,
+  // and the equation below then has no solution.
   while ((position - position_.back()).norm() > spacing_) {
     // Solves for the point where the move leaves the sphere around the last knot: |from + u way - knot| = spacing.
     const Vec3 offset = from - position_.back();

@@ -42,7 +42,7 @@ struct AdhesionSpec {
   [[nodiscard]] double reach() const noexcept { return force / stiffness; }
 };
 
-/// What a surface has beside a spring and a damper.
+/// The parts of a surface other than its spring and damper.
 struct SurfaceParts {
   bool shading = false, friction = false, texture = false, adhesion = false;
 };
