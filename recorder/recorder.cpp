@@ -35,6 +35,8 @@ constexpr std::size_t kLargestBatch = 1024;  // rows
 // Time between two polls of the ring. Waking up costs more than the work itself, and at real speed the ring holds
 // seconds.
 constexpr auto kPoll = std::chrono::milliseconds(25), kPollInVirtualTime = std::chrono::milliseconds(5);
+// A session in virtual time makes more rows in a flush period than people expect to lose.
+constexpr std::uint64_t kMostUnflushed = 4096;  // rows
 constexpr std::size_t kContactsPerTick = 2, kMostContactsOfATick = 1024;  // that the ring has room for
 constexpr double kRestPerFlush = 4;
 constexpr auto kRetry = std::chrono::milliseconds(50);  // time between two attempts on a disk that refuses
@@ -248,6 +250,7 @@ class Recorder::Writer final : private Capture::Output {
     try {
       auto flushed = Clock::now(), synced = flushed, looked = flushed;
       double cost = 0;  // duration of the last flush [s]
+      std::uint64_t flushed_rows = 0;
       for (bool last = false; !last;) {
         const bool stopping = stop.stop_requested();
         const auto begun = Clock::now();
@@ -266,8 +269,10 @@ class Recorder::Writer final : private Capture::Output {
         const double rest = rest_after(cost);
         const bool sync =
             options_.sync_period > 0 && seconds_between(synced, now) >= std::max(options_.sync_period, rest);
-        if (sync || seconds_between(flushed, now) >= std::max(options_.flush_period, rest)) {
+        if (sync || seconds_between(flushed, now) >= std::max(options_.flush_period, rest) ||
+            (loop_waits_ && appended_ - flushed_rows >= kMostUnflushed)) {
           on_disk([&] { output_.flush(); });
+          flushed_rows = appended_;
           // If the sync fails, a further part could not keep its promise either: let the recording fail.
           if (sync && !interrupted_.load(std::memory_order_relaxed)) output_.sync();
           flushed = Clock::now();
