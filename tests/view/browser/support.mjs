@@ -71,9 +71,13 @@ export async function open(t, opened, address, options = {}) {
   t.after(() => context.close());
   const page = await context.newPage();
   page.setDefaultTimeout(PATIENCE);
-  // A machine without a GPU that is busy shows few frames: conditions are looked at by the clock.
+  // A browser without a GPU gives a page no frame for many seconds if the machine is busy. So the page draws by hand
+  // before each look at a condition, and the clock says when to look.
   const wait = page.waitForFunction.bind(page);
-  page.waitForFunction = (condition, argument, more = {}) => wait(condition, argument, { polling: 100, ...more });
+  page.waitForFunction = (condition, argument, more = {}) => {
+    const drawn = new Function("argument", `window.haptraceTest?.frame(); return (${condition})(argument);`);
+    return wait(drawn, argument, { polling: 100, ...more });
+  };
   page.errors = [];
   page.on("pageerror", (error) => page.errors.push(String(error.stack ?? error)));
   page.on("console", (message) => {
