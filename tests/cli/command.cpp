@@ -38,6 +38,8 @@ Command::Command(const std::vector<std::string>& arguments, Input input, const s
   pid_ = input == Input::terminal ? forkpty(&terminal, nullptr, nullptr, nullptr) : fork();
   if (pid_ == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);  // a session without an end fills the disk when its test is killed
+    // A shell starts what it runs in the background with these ignored, and a test that interrupts would wait for ever.
+    for (const int ignored : {SIGINT, SIGQUIT}) std::signal(ignored, SIG_DFL);
     dup2(out[1], STDOUT_FILENO);
     if (input != Input::terminal) dup2(err[1], STDERR_FILENO);
     if (input == Input::pipe) dup2(in[0], STDIN_FILENO);
