@@ -71,6 +71,7 @@ class Mesh final : public Shape {
   void simplify();
   void follow_point(const ToolStep& step, Proxy& proxy) const noexcept;
   void follow_ball(const ToolStep& step, Proxy& proxy) const noexcept;
+  void leave(const ToolStep& step, Proxy& proxy) const noexcept;
   [[nodiscard]] bool place_ball(const Vec3& to, Ball& ball) const noexcept;
   void begin_inside(const ToolStep& step, Proxy& proxy) const noexcept;
   [[nodiscard]] bool is_closed() const noexcept { return topology_.open_edges == 0; }

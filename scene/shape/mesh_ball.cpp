@@ -239,6 +239,15 @@ bool Mesh::place_ball(const Vec3& to, Ball& ball) const noexcept {
   return false;
 }
 
+/// Ends a contact with a ball that is free where the tool is, unless the reach still holds it.
+void Mesh::leave(const ToolStep& step, Proxy& proxy) const noexcept {
+  const bool lasts = proxy.touching && step.reach > 0, inside = proxy.began_inside;
+  release(proxy);
+  if (!lasts) return;
+  approach(step, proxy);
+  proxy.began_inside = proxy.touching && inside;
+}
+
 void Mesh::follow_ball(const ToolStep& step, Proxy& proxy) const noexcept {
   const double radius = step.radius;
   const Vec3& goal = step.to;
@@ -268,12 +277,12 @@ void Mesh::follow_ball(const ToolStep& step, Proxy& proxy) const noexcept {
     ball.look_around(margin);
     const Vec3 before = ball.centre();
     const Vec3 target = ball.nearest_allowed(goal);
-    if (ball.move(target) && target == goal) return release(proxy);
+    if (ball.move(target) && target == goal) return leave(step, proxy);
     if ((ball.centre() - before).squaredNorm() <= 1e-16 * radius * radius) break;
   }
   const Vec3 back = ball.centre() - goal;
   const double distance = norm_of(back);
-  if (!(distance > 0)) return release(proxy);
+  if (!(distance > 0)) return leave(step, proxy);
   proxy.position = ball.centre();
   proxy.normal = back / distance;
   proxy.depth = distance;

@@ -1,4 +1,5 @@
-// Where a textured surface is touched: at the surface that the texture raises, on every kind of shape.
+// Where a surface is touched in front of its shape, on every kind of shape: where a texture raises it, and where an
+// adhesion holds a tool that leaves.
 #include "control/norm.h"
 #include "tests/scene/alone.h"
 #include "tests/scene/nurbs_patches.h"
@@ -166,6 +167,40 @@ TEST_P(RaisedSurfaces, PushOutSoftlyOnlyAToolThatBeginsBehindThem) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, RaisedSurfaces, testing::ValuesIn(raised_cases()),
+                         [](const auto& one) { return one.param.name; });
+
+class StickySurfaces : public testing::TestWithParam<RaisedCase> {};
+
+TEST_P(StickySurfaces, HoldAToolThatLeavesAsFarAsTheirAdhesionReachesAndNoOther) {
+  for (const double radius : {0.0, 2e-3}) {
+    if (radius > 0 && !GetParam().takes_ball) continue;
+    const auto scene = read_scene(
+        parse_json(fmt::format(R"({{"tool": {{"radius": {}}}, "objects": [{{{}, "stiffness": 500,
+                                   "adhesion": {{"force": 1, "stiffness": 500}}}}]}})",
+                               radius, GetParam().shape),
+                   "test"),
+        "test");
+    scene->prepare({});
+    double z = 5e-3;
+    const auto force_at = [&](double end) {
+      SceneAnswer answer;
+      for (int i = 1; i <= 50; ++i)
+        answer = scene->answer({.position = Vec3(0, 0, radius + z + i * (end - z) / 50), .dt = kRaisedTick});
+      z = end;
+      return answer.force.z();
+    };
+    EXPECT_EQ(force_at(1e-3), 0) << "a tool that comes is not pulled";
+    EXPECT_NEAR(force_at(-1e-3), 0.5, 1e-6);
+    EXPECT_NEAR(force_at(1e-3), -0.5, 1e-6);
+    EXPECT_NEAR(force_at(1.9e-3), -0.95, 1e-6);
+    EXPECT_NEAR(force_at(-0.5e-3), 0.25, 1e-6) << "pressed again";
+    EXPECT_NEAR(force_at(1.5e-3), -0.75, 1e-6);
+    EXPECT_EQ(force_at(2.5e-3), 0) << "let go";
+    EXPECT_EQ(force_at(1e-3), 0) << "and not taken again without a touch";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, StickySurfaces, testing::ValuesIn(raised_cases()),
                          [](const auto& one) { return one.param.name; });
 
 TEST(RaisedSurface, IsFoundThroughTheBoxesOfAScene) {
