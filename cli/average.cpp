@@ -7,7 +7,9 @@
 #include "player/guidance/averaged_expert.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <fmt/format.h>
+#include <iterator>
 
 namespace haptrace::cli {
 namespace {
@@ -34,6 +36,13 @@ std::shared_ptr<const PathSource> open_expert(const std::string& file, const Pat
 Experts open_experts(const AverageArguments& arguments, const Output& output) {
   Experts experts;
   if (arguments.files.size() > 1) {
+    std::error_code error;
+    for (auto one = arguments.files.begin(); one != arguments.files.end(); ++one)
+      for (auto other = std::next(one); other != arguments.files.end(); ++other)
+        if (*one == *other || std::filesystem::equivalent(*one, *other, error))
+          throw input_error(fmt::format(
+              "{} is given twice. Each recording counts once: a copy of it would make the experts look more alike",
+              *other));
     for (const std::string& file : arguments.files)
       experts.push_back(open_expert(file, {}, arguments.csv, file, output));
     return experts;
@@ -55,10 +64,15 @@ Experts open_experts(const AverageArguments& arguments, const Output& output) {
 
 nlohmann::json to_json(const AveragedExpert& expert) {
   const AveragedPath& average = expert.average;
-  nlohmann::json json{{"copies", nlohmann::json::array()},    {"pauses", nlohmann::json::array()},
-                      {"length_m", average.arc.back()},       {"duration_s", expert.path.duration()},
-                      {"spread_m", average.overall_spread},   {"radius_m", expert.typical_radius},
-                      {"forces", !expert.path.force.empty()}, {"notes", expert.notes}};
+  nlohmann::json json{{"copies", nlohmann::json::array()},
+                      {"pauses", nlohmann::json::array()},
+                      {"length_m", average.arc.back()},
+                      {"duration_s", expert.path.duration()},
+                      {"spread_m", average.overall_spread},
+                      {"directions", average.directions},
+                      {"radius_m", expert.typical_radius},
+                      {"forces", !expert.path.force.empty()},
+                      {"notes", expert.notes}};
   for (std::size_t i = 0; i < expert.copies.size(); ++i)
     json["copies"].push_back({{"name", expert.copies[i]},
                               {"distance_m", average.agreement[i].distance},

@@ -15,6 +15,7 @@
 #include "formats/path/path_file.h"
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <fmt/format.h>
 #include <span>
@@ -93,6 +94,37 @@ GuideOptions options_of(const Arguments& arguments) {
   return options;
 }
 
+/// Refuses options that have no effect beside the others: whoever gives one expects it to do something.
+void refuse_useless_options(const CLI::App& verb, const Arguments& arguments) {
+  constexpr const char* kForces = "--mode tunnel or --mode cursor";
+  const bool cursor = arguments.mode == "cursor", forces = arguments.mode != "free", pace = arguments.pace.has_value(),
+             amplify = arguments.guide.amplify > 0;
+  refuse_useless(verb, std::to_array<Dependence>({{"--speed", cursor, "--mode cursor"},
+                                                  {"--wait", cursor, "--mode cursor"},
+                                                  {"--stiffness", forces, kForces},
+                                                  {"--expert", forces, kForces},
+                                                  {"--onset", forces, kForces},
+                                                  {"--damping", forces, kForces},
+                                                  {"--allow-back", forces, kForces},
+                                                  {"--expert-force", forces, kForces},
+                                                  {"--force-scale", forces, kForces},
+                                                  {"--feel", forces, kForces},
+                                                  {"--pace", forces, kForces},
+                                                  {"--initiate", forces, kForces},
+                                                  {"--resistance", forces, kForces},
+                                                  {"--viscosity", forces, kForces},
+                                                  {"--amplify", forces, kForces},
+                                                  {"--energy", forces, kForces},
+                                                  {"--pace-margin", pace || arguments.initiate, "--pace or --initiate"},
+                                                  {"--pace-force", pace, "--pace"},
+                                                  {"--initiate-wait", arguments.initiate, "--initiate"},
+                                                  {"--initiate-stiffness", arguments.initiate, "--initiate"},
+                                                  {"--initiate-force", arguments.initiate, "--initiate"},
+                                                  {"--amplify-force", amplify, "--amplify"},
+                                                  {"--expert-profile", forces, kForces},
+                                                  {"--negate-measured", forces, kForces}}));
+}
+
 /// Takes the radius of --radius auto from an averaged expert, unless --spread gives it.
 void take_radius_of_path(const Arguments& arguments, const std::string& file, const PathFacts& facts,
                          GuideOptions& options) {
@@ -123,7 +155,7 @@ std::string initiation_text(const std::optional<Initiation>& initiation) {
 std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device,
                     const std::string& expert, const PathChange& change, ReplayedForce force) {
   std::string text = fmt::format("{}: guided on {}\n", expert, device.name);
-  if (result.plan.has_forces && arguments.guide.force_scale > 0)
+  if (arguments.mode != "free" && result.plan.has_forces && arguments.guide.force_scale > 0)
     text += fmt::format("  force of the expert: {}\n", to_string(force));
   if (!change.is_identity()) text += fmt::format("  path: {}\n", describe(change));
   if (result.plan.fit) text += fmt::format("  fitted into the workspace: {}\n", describe(*result.plan.fit));
@@ -268,6 +300,8 @@ void add_cursor_options(CLI::App& verb, Arguments& arguments) {
 /// Opens the expert's recording with the force that the options choose.
 ExpertRecording open_with_force(const Arguments& arguments, const InputFile& input, const Output& output) {
   ExpertOptions options = arguments.expert_options;
+  // No force is replayed in mode free, so nothing is to be said about it.
+  if (arguments.mode == "free") options.force = ReplayedForce::sent;
   if (!arguments.expert_force.empty()) options.force = parse_replayed_force(arguments.expert_force);
   std::optional<DeviceProfile> known;
   if (!arguments.profile.file.empty() && !arguments.profile.none) known = load_profile(arguments.profile.file);
@@ -281,6 +315,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   require(verb, "--device");
   arguments.radius_given = verb.get_option("--radius")->count() > 0;
   GuideOptions options = options_of(arguments);
+  refuse_useless_options(verb, arguments);
   options.force_expected = verb.get_option("--force-scale")->count() > 0 || !arguments.expert_force.empty();
   std::vector<std::string> inputs = arguments.spread;
   inputs.push_back(arguments.expert);

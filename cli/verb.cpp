@@ -255,6 +255,19 @@ void require(const CLI::App& verb, const std::string& option) {
         fmt::format("haptrace {} needs {}; see haptrace {} --help", full_name(verb), option, full_name(verb)));
 }
 
+void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependences) {
+  // A configuration that was kept names every option with its default.
+  const auto differs = [](const CLI::Option& option) {
+    const std::string& standard = option.get_default_str();
+    const std::string given = option.count() > 0 ? option.results().front() : standard;
+    return given != standard && (standard.empty() || value_of(given) != value_of(standard));
+  };
+  for (const Dependence& one : dependences)
+    if (!one.works && differs(*verb.get_option(one.option)))
+      throw input_error(
+          fmt::format("{} has no effect without {}: leave it out, or give {}", one.option, one.needs, one.needs));
+}
+
 void keep_inputs(const std::string& output, std::span<const std::string> inputs) {
   std::error_code none;
   for (const std::string& input : inputs)

@@ -109,6 +109,16 @@ struct SessionArguments {
 /// Throws Error(input) unless a required option of the verb was given, on the command line or in --config.
 void require(const CLI::App& verb, const std::string& option);
 
+/// An option, whether it has an effect beside the others, and what it needs for that ("--pace").
+struct Dependence {
+  const char* option;
+  bool works;
+  const char* needs;
+};
+
+/// Throws Error(input) that names the first option which was given, differs from its default, and has no effect.
+void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependences);
+
 /// Throws Error(input) if `output` is one of the files that the verb reads. Ignores empty names.
 void keep_inputs(const std::string& output, std::span<const std::string> inputs);
 

@@ -7,7 +7,7 @@
 
 #include <algorithm>
 #include <array>
-#include <boost/math/distributions/students_t.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
 #include <cmath>
 #include <cstdint>
 #include <fmt/format.h>
@@ -379,14 +379,24 @@ class Averaging {
   void add_spread() {
     const auto n = static_cast<double>(shapes_.size());
     std::vector<double> sums{0};  // of the variance up to each point
+    Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+    Vec3 side = mean_.tangent.front().unitOrthogonal();
     for (std::size_t i = 0; i < mean_.size(); ++i) {
+      const Vec3& tangent = mean_.tangent[i];
+      const Vec3 turned = side - side.dot(tangent) * tangent;
+      side = turned.squaredNorm() > 1e-6 ? Vec3(turned.normalized()) : tangent.unitOrthogonal();  // about a cusp
+      const Vec3 other = tangent.cross(side);
       double squares = 0;
       for (std::size_t k = 0; k < shapes_.size(); ++k) {
         const Vec3 off = between(shapes_[k].point, warps_[k].place[i]) - mean_.point[i];
-        squares += (off - off.dot(mean_.tangent[i]) * mean_.tangent[i]).squaredNorm();
+        const Eigen::Vector2d across(off.dot(side), off.dot(other));
+        covariance += across * across.transpose();
+        squares += across.squaredNorm();
       }
       sums.push_back(sums.back() + squares / (n - 1));
     }
+    if (const double trace = covariance.trace(); trace > 0)
+      result_.directions = trace * trace / (covariance * covariance).trace();
     constexpr double kPooled = 0.025;  // on either side, as a share of the length
     const auto reach = static_cast<std::size_t>(kPooled * static_cast<double>(mean_.size()));
     for (std::size_t i = 0; i < mean_.size(); ++i) {
@@ -418,11 +428,12 @@ std::size_t medoid_of(std::span<const Shape> shapes, double tangent_weight) {
 
 }  // namespace
 
-double prediction_factor(std::size_t copies) {
+double prediction_factor(std::size_t copies, double directions) {
   if (copies < 2)
     throw input_error(fmt::format("a spread needs at least two recordings of the movement; there is {}", copies));
   const auto n = static_cast<double>(copies);
-  return boost::math::quantile(boost::math::students_t(n - 1), 0.975) * std::sqrt(1 + 1 / n);
+  const boost::math::fisher_f squares(directions, directions * (n - 1));
+  return std::sqrt((1 + 1 / n) * boost::math::quantile(squares, 0.95));
 }
 
 void require_same_movement(const PathCopy& reference, std::span<const PathCopy> copies) {

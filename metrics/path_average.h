@@ -36,6 +36,7 @@ struct AveragedPath {
   std::vector<Vec3> force;           ///< mean force of the copies; zero where they have none [N]
   std::vector<double> spread;        ///< standard deviation of the copies across the path [m]
   double overall_spread = 0;         ///< its rms over the path [m]
+  double directions = 1;             ///< across the path in which the copies differ: 1 for drawings in a plane, up to 2
   std::vector<Pause> pauses;         ///< in the order of the movement, without the rest at its ends
   std::vector<Agreement> agreement;  ///< of each copy
   std::size_t medoid = 0;            ///< the copy that is nearest to the others
@@ -57,7 +58,9 @@ struct AveragedPath {
 ///   than 5 % of its median speed for at least 0.1 s, a copy counts as moving at these 5 %;
 /// - the force is the mean over the copies;
 /// - the spread is sqrt(n / (n - 1)) times the rms distance of the copies, perpendicular to the average. It is pooled
-///   over 5 % of the length, because a few copies determine a standard deviation only roughly.
+///   over 5 % of the length, because a few copies determine a standard deviation only roughly;
+/// - the directions are (tr S)^2 / tr S^2 with the covariance S of the copies in the two directions across the path,
+///   which follow it without turning about it (the effective number of dimensions).
 ///
 /// The mean of n copies with noise sigma keeps sigma / sqrt(n) of it. It also rounds a corner by about sigma.
 ///
@@ -70,9 +73,11 @@ struct AveragedPath {
 AveragedPath average_paths(std::span<const PathCopy> copies);
 
 /// Returns the ratio of a radius that holds the next repetition of the same movement with 95 % probability to the
-/// standard deviation of `copies` repetitions: t(0.975; n - 1) sqrt(1 + 1 / n), the prediction interval of a normal
-/// distribution. It is 15.6 for 2 copies, 5.0 for 3 and 2.8 for 6. Throws Error(input) for fewer than 2.
-double prediction_factor(std::size_t copies);
+/// standard deviation of `copies` repetitions across the path, over all d = `directions` in which they differ:
+/// sqrt((1 + 1 / n) F(0.95; d, d (n - 1))), the prediction region of a normal distribution that is alike in these
+/// directions; for d = 1 it is t(0.975; n - 1) sqrt(1 + 1 / n). It is 15.6 for 2 copies in 1 direction, 5.0 for 3 and
+/// 2.8 for 6; in 2 directions 5.3, 3.0 and 2.2. Throws Error(input) for fewer than 2 copies.
+double prediction_factor(std::size_t copies, double directions);
 
 /// Throws Error(input) naming the copy that shows another movement than `reference`: another direction, another number
 /// of laps, or another path. Such a copy

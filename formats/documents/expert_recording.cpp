@@ -16,6 +16,7 @@ constexpr EnumNames<ReplayedForce, 3> kForces{"force of the expert", {"task", "m
 constexpr const char* kProfileBeside = "profile.json";  // as in the folder of a session
 
 std::string device_in_words(const DeviceIdentity& device) {
+  if (device.model.empty()) return "a device without a name";
   return device.serial.empty() ? device.model : fmt::format("{} {}", device.model, device.serial);
 }
 
@@ -88,8 +89,8 @@ void use_measured(const std::string& name, const std::shared_ptr<const PathSourc
                     name, device_in_words(found->profile.device), found->where));
   else
     result.warnings.push_back(
-        fmt::format("{}: the measured force is replayed with the inertia and friction of the expert's device; the "
-                    "trainee's device adds its own",
+        fmt::format("{}: the measured force is replayed with the inertia, friction and weight of the expert's "
+                    "device; the trainee's device adds its own",
                     name));
   judge(name, survey_forces(*sent, measured, handle), options, result);
 }
@@ -110,13 +111,23 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
   ExpertRecording result{.path = open_path(file, selection, progress, csv)};
   const std::string name = result.path->facts().name;
   const bool asked = options.force.has_value(), wants_sent = options.force == ReplayedForce::sent;
+  if (!options.profile.empty()) (void)load_profile(options.profile);
+  const auto note_useless = [&](const std::string& why) {
+    for (const auto& [given, option] :
+         {std::pair(!options.profile.empty(), "--expert-profile"), std::pair(options.negated, "--negate-measured")})
+      if (given) result.notes.push_back(fmt::format("{}: {} has no effect: {}", name, option, why));
+  };
   if (!result.path->facts().measured) {
     if (asked && !wants_sent)
       throw input_error(
           fmt::format("{} has no measured force; leave out --expert-force {}", name, to_string(*options.force)));
+    note_useless("the recording has no measured force");
     return result;
   }
-  if (wants_sent) return result;
+  if (wants_sent) {
+    note_useless("the sent force is replayed");
+    return result;
+  }
 
   const RecordingHeader header = RecordingReader(file).header();
   const DeviceIdentity expert{header.device_backend, header.device_model, header.device_serial};

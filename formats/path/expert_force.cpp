@@ -225,7 +225,8 @@ ForceSurvey survey_forces(const PathSource& sent, const std::shared_ptr<const Pa
                of_task = task->read(row, PathBlocks::kRows), commanded = sent.read(row, PathBlocks::kRows);
     for (std::size_t i = 0; i < raw.size(); ++i) {
       rough2 += ((handle.negated ? -1 : 1) * raw.force[i] - smooth.force[i]).squaredNorm();
-      drag.add(of_task.force[i] - smooth.force[i]);
+      const Vec3 weight = handle.plant.gravity + handle.plant.gravity_gradient * raw.position[i];
+      drag.add(of_task.force[i] - smooth.force[i] + weight);
       rest.add(beyond_dry_friction(of_task.force[i], velocity_at(raw, i, window), handle.plant.coulomb));
       const bool free = commanded.force.empty() || commanded.force[i].norm() < kNoForce;
       work.add(raw.time[i], raw.position[i], smooth.force[i], free, survey);

@@ -37,7 +37,7 @@ bool has_forces(std::span<const std::shared_ptr<const PathSource>> experts, std:
 /// Samples the average at even steps of time.
 void sample(AveragedExpert& expert, bool forces) {
   const AveragedPath& average = expert.average;
-  const double factor = prediction_factor(expert.copies.size());
+  const double factor = prediction_factor(expert.copies.size(), average.directions);
   const Trajectory trajectory({.name = expert.path.name, .time = average.time, .position = average.position},
                               Interpolation::cubic);
   Trajectory::Cursor cursor;
@@ -74,13 +74,13 @@ AveragedExpert average_experts(std::span<const std::shared_ptr<const PathSource>
   const bool forces = has_forces(experts, expert.notes);
   expert.contacts = forces && experts.front()->facts().contacts;
   sample(expert, forces);
-  const double factor = prediction_factor(copies.size());
+  const double directions = expert.average.directions, factor = prediction_factor(copies.size(), directions);
   expert.typical_radius = factor * expert.average.overall_spread;
   if (copies.size() < kFewCopies)
     expert.notes.push_back(
         fmt::format("the spread of {} recordings is uncertain, so the radius that holds the next repetition with 95 % "
                     "probability is {:.1f} times as large; {} recordings make it {:.1f} times",
-                    copies.size(), factor, kFewCopies + 1, prediction_factor(kFewCopies + 1)));
+                    copies.size(), factor, kFewCopies + 1, prediction_factor(kFewCopies + 1, directions)));
   if (std::ranges::any_of(experts, [](const auto& one) { return one->facts().orientation; }))
     expert.notes.emplace_back("the orientations of the tool are left out: the average has positions and forces");
   return expert;

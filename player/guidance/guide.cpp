@@ -284,7 +284,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   const double bears = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.delay);
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
   plan.largest_stiffness = options.expert ? 1e6 : bears;
-  if (plan.stiffness > bears && !options.expert) {
+  if (plan.stiffness > bears && !options.expert && !options.free) {
     plan.notes.push_back(
         fmt::format("the device is not stable with walls of {:.0f} N/m at {:.0f} Hz; the stiffness of the walls is "
                     "limited to {:.0f} N/m",
@@ -306,7 +306,7 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
         .push_back(
             fmt::format("{}: all forces are zero; the trainee feels only the walls", played.source->facts().name));
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
-  if (!options.identified && !options.expert)
+  if (!options.identified && !options.expert && !options.free)
     plan.notes.push_back(fmt::format(
         "the delay of {} is unknown; walls of {:.0f} N/m are stable up to a delay of {:.0f} ms; calibrate the "
         "device (haptrace calibrate) to allow stiffer walls",

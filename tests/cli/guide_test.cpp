@@ -136,10 +136,14 @@ TEST(AverageCommand, MakesAnExpertWhoseSpreadBecomesTheTunnel) {
 
 TEST(AverageCommand, SaysWhatCannotBeAveragedAndGuideWhatHasNoSpread) {
   const TempFolder folder;
-  const std::string circle = folder / "circle.h5", square = folder / "square.h5", out = folder / "out.h5";
+  const std::string circle = folder / "circle.h5", again = folder / "again.h5", square = folder / "square.h5",
+                    out = folder / "out.h5", link = folder / "link.h5";
   ASSERT_EQ(haptrace("shape", "circle", "--duration", "1", "-o", circle).exit_code, 0);
+  ASSERT_EQ(haptrace("shape", "circle", "--duration", "2", "-o", again).exit_code, 0);
   ASSERT_EQ(haptrace("shape", "square", "--size", "65mm", "--duration", "1", "-o", square).exit_code, 0);
-  EXPECT_THAT(haptrace("average", circle, circle, square, "-o", out).err, HasSubstr("square.h5: shows another"));
+  std::filesystem::create_symlink(circle, link);
+  EXPECT_THAT(haptrace("average", circle, again, square, "-o", out).err, HasSubstr("square.h5: shows another"));
+  EXPECT_THAT(haptrace("average", circle, again, link, "-o", out).err, HasSubstr("link.h5 is given twice"));
   EXPECT_THAT(haptrace("average", circle, "-o", out).err, HasSubstr("holds one repetition"));
   EXPECT_THAT(haptrace("average", circle, square, "-o", circle).err, HasSubstr("circle.h5"));
   EXPECT_FALSE(std::filesystem::exists(out));
@@ -167,10 +171,28 @@ TEST(GuideCommand, CountsATunnelInModeFreeOnlyIfARadiusIsGiven) {
   const Answer free = haptrace("guide", path, "--mode", "free", "--device", device, "--time-limit", "3");
   ASSERT_EQ(free.exit_code, 0) << free.err;
   EXPECT_THAT(free.out, testing::Not(HasSubstr("tunnel")));
-  EXPECT_THAT(free.out, testing::Not(HasSubstr("wall")));
+  EXPECT_THAT(free.out + free.err, testing::Not(testing::AnyOf(HasSubstr("wall"), HasSubstr("force of the expert"))));
   const Answer asked =
       haptrace("guide", path, "--mode", "free", "--radius", "5mm", "--device", device, "--time-limit", "3");
   EXPECT_THAT(asked.out, HasSubstr("of the time in the tunnel"));
+}
+
+TEST(GuideCommand, RefusesOptionsWithoutEffectButNotTheirDefaults) {
+  const TempFolder folder;
+  const std::string path = expert(folder);
+  const auto error = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"guide", path, "--device", kFalcon, "--time-limit", "0.2"};
+    words.insert(words.end(), more.begin(), more.end());
+    return Command(words).wait().err;
+  };
+  EXPECT_THAT(error({"--speed", "0.5"}), HasSubstr("--speed has no effect without --mode cursor"));
+  EXPECT_THAT(error({"--mode", "free", "--pace", "1"}), HasSubstr("--pace has no effect without --mode tunnel or"));
+  EXPECT_THAT(error({"--mode", "free", "--initiate"}), HasSubstr("--initiate has no effect"));
+  EXPECT_THAT(error({"--pace-force", "2"}), HasSubstr("--pace-force has no effect without --pace: leave it out, or"));
+  EXPECT_THAT(error({"--amplify-force", "2"}), HasSubstr("--amplify-force has no effect"));
+  for (const std::vector<std::string>& fine : std::vector<std::vector<std::string>>{
+           {"--speed", "1.0"}, {"--pace", "1", "--pace-force", "2"}, {"--mode", "cursor", "--speed", "0.5"}})
+    EXPECT_THAT(error(fine), testing::Not(HasSubstr("no effect"))) << fine[0];
 }
 
 TEST(GuideCommand, ResumesWithADeviceThatIsPluggedInAgain) {

@@ -42,6 +42,7 @@ Intended zigzag() {
 
 struct ExpertDraw {
   double sigma = kSigma;       ///< of the smooth noise in x and y [m]
+  double depth = 0;            ///< of that in z [m]
   std::vector<double> pauses;  ///< where the experts pause, as shares of the length
   double scale = 1;            ///< of everything
   std::function<Vec3(double)> force = [](double) -> Vec3 { return Vec3::Zero(); };  ///< by share of the length [N]
@@ -71,6 +72,8 @@ class SmoothNoise {
 PathCopy expert(const Intended& task, unsigned seed, const ExpertDraw& draw = {}) {
   std::mt19937 random(seed);
   const SmoothNoise x(random), y(random), pace(random);
+  std::mt19937 another(seed + 1'000'000);
+  const SmoothNoise z(another);
   std::uniform_real_distribution<double> jitter(-0.01, 0.01), rest(0.5, 1.5), mean_speed(0.04, 0.16);
   const double length = task.curve.length(), speed = mean_speed(random);
   std::vector<double> stops;
@@ -80,7 +83,8 @@ PathCopy expert(const Intended& task, unsigned seed, const ExpertDraw& draw = {}
   std::size_t stop = 0;
   for (double s = 0;; t += 1e-3) {
     const double place = std::min(s, length);
-    const Vec3 p = task.curve.at(place) + draw.sigma * Vec3(x.at(place), y.at(place), 0);
+    const Vec3 p =
+        task.curve.at(place) + Vec3(draw.sigma * x.at(place), draw.sigma * y.at(place), draw.depth * z.at(place));
     builder.add(t, draw.scale * p, draw.force(place / length));
     if (place >= length) break;
     if (stop < stops.size() && place >= stops[stop]) {
@@ -133,6 +137,29 @@ TEST(AveragedPaths, LieNearTheIntendedPathAndKeepItsLengthWhateverTheSpeedsAndPa
     EXPECT_LT(std::sqrt(squares), 1.1e-3) << row.task.name << ": the mean of six keeps 0.82 mm of the noise";
     EXPECT_GT(ratio, 0.93) << row.task.name;
     EXPECT_LT(ratio, 1.02) << row.task.name;
+  }
+}
+
+TEST(AveragedPaths, KnowWhetherTheCopiesDifferInAPlaneOrInSpaceAndHoldTheNextOneInBoth) {
+  for (const double depth : {0.0, kSigma}) {
+    double inside = 0, places = 0;
+    for (unsigned draw = 0; draw < 20; ++draw) {
+      std::vector<PathCopy> copies = experts(intended("square"), 6, {.depth = depth}, 100 * draw + 1);
+      const AveragedPath average = average_paths(std::span(copies).first(5));
+      if (depth > 0)
+        EXPECT_GT(average.directions, 1.6);
+      else
+        EXPECT_LT(average.directions, 1.01);
+      const double radius = prediction_factor(5, average.directions) * average.overall_spread;
+      const Polyline mean(average.position);
+      for (const double share : {0.2, 0.4, 0.6, 0.8}) {
+        const Vec3 p = copies[5].path->position_at(share * copies[5].path->length());
+        if ((p - mean.at(mean.nearest(p, 0, mean.length()))).norm() <= radius) ++inside;
+        ++places;
+      }
+    }
+    RecordProperty(fmt::format("inside_{}", depth > 0), fmt::format("{:.3f}", inside / places));
+    EXPECT_GT(inside / places, 0.88);
   }
 }
 
@@ -288,23 +315,28 @@ TEST(AveragedPaths, DoNotDependOnHoursOfRest) {
   EXPECT_TRUE(average.pauses.empty()) << "one of three rested";
 }
 
-TEST(PredictionFactor, HoldsTheNextRepetitionWith95Percent) {
-  EXPECT_NEAR(prediction_factor(3), 5.0, 0.05);
-  EXPECT_NEAR(prediction_factor(6), 2.8, 0.05);
+TEST(PredictionFactor, HoldsTheNextRepetitionWith95PercentInOneDirectionAndInTwo) {
+  EXPECT_NEAR(prediction_factor(2, 1), 15.6, 0.05);
+  EXPECT_NEAR(prediction_factor(3, 1), 5.0, 0.05);
+  EXPECT_NEAR(prediction_factor(6, 1), 2.8, 0.05);
   // A simulation with a fixed seed: 6 draws state the interval, and the seventh lies in it 95 times in 100.
   std::mt19937 random(1);
   std::normal_distribution<double> draw;
-  int inside = 0;
   constexpr int kRuns = 20'000;
-  for (int run = 0; run < kRuns; ++run) {
-    std::array<double, 6> values{};
-    double mean = 0, squares = 0;
-    for (double& value : values) mean += (value = draw(random)) / 6;
-    for (const double value : values) squares += (value - mean) * (value - mean) / 5;
-    if (std::abs(draw(random) - mean) <= prediction_factor(6) * std::sqrt(squares)) ++inside;
+  for (const int directions : {1, 2}) {
+    int inside = 0;
+    for (int run = 0; run < kRuns; ++run) {
+      const auto one = [&] { return Eigen::Vector2d(draw(random), directions == 2 ? draw(random) : 0); };
+      std::array<Eigen::Vector2d, 6> values;
+      Eigen::Vector2d mean(0, 0);
+      for (Eigen::Vector2d& value : values) mean += (value = one()) / 6;
+      double squares = 0;
+      for (const Eigen::Vector2d& value : values) squares += (value - mean).squaredNorm() / 5;
+      if ((one() - mean).norm() <= prediction_factor(6, directions) * std::sqrt(squares)) ++inside;
+    }
+    EXPECT_NEAR(static_cast<double>(inside) / kRuns, 0.95, 0.006) << directions;
   }
-  EXPECT_NEAR(static_cast<double>(inside) / kRuns, 0.95, 0.006);
-  EXPECT_THAT(error_of([] { (void)prediction_factor(1); }), HasSubstr("at least two"));
+  EXPECT_THAT(error_of([] { (void)prediction_factor(1, 1); }), HasSubstr("at least two"));
 }
 
 }  // namespace

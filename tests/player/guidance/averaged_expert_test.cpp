@@ -54,7 +54,8 @@ TEST(AveragedExpert, BecomesARecordingWithItsSpreadItsForceAndItsPauses) {
   const AveragedExpert expert = average_experts(circles(6));
   // The radius varies by 2 mm rms, and six evenly spread phases cancel in the mean.
   EXPECT_NEAR(expert.average.overall_spread, 2e-3 * std::sqrt(6.0 / 5), 0.1e-3);
-  EXPECT_NEAR(expert.typical_radius, prediction_factor(6) * expert.average.overall_spread, 1e-9);
+  EXPECT_NEAR(expert.average.directions, 1, 0.01) << "all copies are in one plane";
+  EXPECT_NEAR(expert.typical_radius, prediction_factor(6, expert.average.directions) * expert.average.overall_spread, 1e-9);
   save_average(expert, file, "circle", false, "");
   for (const Finding& finding : check_recording(file)) ADD_FAILURE() << finding.where << ": " << finding.what;
   const Path path = load_path(file);
@@ -84,7 +85,7 @@ TEST(AveragedExpert, GivesGuidanceItsRadiusAlsoInAnotherPlaceAndSize) {
     for (const double share : {0.1, 0.5, 0.9}) {
       const auto row = static_cast<std::size_t>(share * static_cast<double>(expert.average.arc.size() - 1));
       EXPECT_NEAR(plan.path->at(share * plan.path->length()).radius,
-                  scale * prediction_factor(6) * expert.average.spread[row], 0.2e-3);
+                  scale * prediction_factor(6, expert.average.directions) * expert.average.spread[row], 0.2e-3);
     }
   }
 }

@@ -212,6 +212,32 @@ TEST_F(ExpertForces, NameWhatARecordingDoesNotHave) {
   EXPECT_THAT(error_of([] { (void)parse_replayed_force("tsk"); }), HasSubstr("task"));
 }
 
+TEST_F(ExpertForces, NoteOptionsWithoutEffectAndReadAProfileInAnyCase) {
+  const std::string circle = folder_ / "circle.csv", task = recorded(true);
+  save_path(make_shape("circle", {}), circle, "circle", true);
+  calibrate(task, "elsewhere.json");
+  const std::string profile = folder_ / "elsewhere.json";
+  EXPECT_THAT(open_expert(circle, {.negated = true}).notes,
+              Contains(HasSubstr("--negate-measured has no effect: the recording has no measured force")));
+  EXPECT_THAT(open_expert(circle, {.profile = profile}).notes, Contains(HasSubstr("--expert-profile has no effect")));
+  EXPECT_THAT(open_expert(task, {.force = ReplayedForce::sent, .profile = profile}).notes,
+              Contains(HasSubstr("--expert-profile has no effect: the sent force is replayed")));
+  EXPECT_THAT(open_expert(task, {.profile = profile, .negated = true}).notes, Not(Contains(HasSubstr("no effect"))));
+  EXPECT_THAT(error_of([&] { (void)open_expert(circle, {.profile = folder_ / "none.json"}); }), HasSubstr("none.json"));
+}
+
+TEST(ForceSurvey, DoesNotCountTheWeightOfTheDeviceAsItsDrag) {
+  Path measured = strokes(0.006), sent = measured;
+  sent.force.assign(sent.size(), Vec3::Zero());
+  measured.force.assign(measured.size(), Vec3(0.4, 0, -2));
+  HandleForce handle;
+  handle.plant.gravity = Vec3(0, 0, -2);
+  const ForceSurvey survey = survey_forces(*source_of(sent), source_of(measured), handle);
+  EXPECT_NEAR(survey.task, 0.4, 1e-6);
+  EXPECT_NEAR(survey.drag, 0, 1e-6);
+  EXPECT_FALSE(survey.only_the_device()) << "0.4 N of the task beside 2 N of weight";
+}
+
 TEST(ForceSurvey, JudgesOnlyMovementsToAndFro) {
   ForceSurvey survey{.path_length = 0.4, .displacement = 0.01, .work = 0.05, .effort = 0.06};
   EXPECT_TRUE(survey.drives_the_hand());
