@@ -110,6 +110,12 @@ ReportSummary summary_of(const ReportExercise& exercise, std::size_t figure) {
   return summary;
 }
 
+std::string why_undefined(const ReportExercise& exercise, std::size_t figure) {
+  if (exercise.finished() == 0) return "no repetition was finished";
+  if (summary_of(exercise, figure).finished == 0) return "the metric is undefined in every finished repetition";
+  return "half of the repetitions or more ran out of time";
+}
+
 std::vector<ReportPerson> persons_of(std::span<const ReportSession> sessions) {
   std::vector<ReportPerson> persons;
   for (std::size_t s = 0; s < sessions.size(); ++s) {
@@ -188,7 +194,10 @@ ReportChange change_between(const Report& report, const ReportCourse::Point& fro
                                 summary_of(exercise_of(report, from), figure).median};
   if (!std::isfinite(change.change)) {
     change.verdict = undefined;
-    change.words = "undefined: too few finished repetitions";
+    const ReportExercise& undefined_in = std::isfinite(summary_of(exercise_of(report, from), figure).median)
+                                             ? exercise_of(report, to)
+                                             : exercise_of(report, from);
+    change.words = "undefined: " + why_undefined(undefined_in, figure);
     return change;
   }
   if (const std::string reason = obstacle(report, from, to); !reason.empty()) {

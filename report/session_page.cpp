@@ -63,7 +63,7 @@ void add_primary(xml_node section, const Report& report, const ReportCourse::Poi
       fmt::format("Primary metric ({}): {}. ",
                   exercise.figure_named ? "named by the programme" : "the default of this mode", with_unit(figure));
   text += std::isfinite(summary.median) ? fmt::format("Median {}", shown(figure, summary.median))
-                                        : "The median is undefined, because too few repetitions were finished";
+                                        : fmt::format("The median is undefined: {}", why_undefined(exercise, *primary));
   if (const std::string half = middle_half(figure, summary); half != kUndefined)
     text += fmt::format(", middle half of the repetitions {}", half);
   text += fmt::format("; {}.", counts_in_words(exercise));

@@ -98,6 +98,9 @@ struct ReportExercise {
 /// Returns the summary of a metric of an exercise.
 ReportSummary summary_of(const ReportExercise& exercise, std::size_t figure);
 
+/// Returns why the median of such a summary is undefined, as part of a sentence.
+std::string why_undefined(const ReportExercise& exercise, std::size_t figure);
+
 /// An event of one recording; it may occur several times.
 struct ReportEvent {
   enum class Kind { stop, warning, mark };

@@ -152,6 +152,7 @@ void PlaceTracker::take(const Foot& foot) noexcept {
 
 const PlaceTracker::Foot& PlaceTracker::hold(const Vec3& position, double dt) noexcept {
   take(projection_.move_to(foot_.s, position, dt));
+  foot_.expert_speed = 0;
   const Union before = std::exchange(union_, {.place = foot_.s, .floor = foot_.s});
   if (is_finite(position)) foot_.tube_before = tube_at(position, before);
   return foot_;

@@ -54,21 +54,30 @@ MetricNorm metric_from(JsonReader reader) {
                   .retest = retest(reader)};
   if (reader.has("range")) std::tie(norm.low, norm.high) = range(reader, "range");
   reader.finish();
-  if (norm.icc > 1) throw input_error(fmt::format("{}: icc is {}; it must be at most 1", reader.where(), *norm.icc));
+  for (const auto& [key, value] :
+       {std::pair("mdc95", norm.mdc95), std::pair("sem", norm.sem), std::pair("sd", norm.sd)})
+    if (value && !(*value > 0))
+      throw input_error(fmt::format("{}: {} is 0, but every measurement has an error; give it, or leave it out",
+                                    reader.where(), key));
+  if (norm.icc && !(*norm.icc < 1))
+    throw input_error(fmt::format("{}: icc is {:g}; it must be less than 1", reader.where(), *norm.icc));
   if (norm.sd.has_value() != norm.icc.has_value())
     throw input_error(reader.where() + ": sd and icc belong together; give both");
   const std::array<bool, 4> ways{norm.mdc95.has_value(), norm.sem.has_value(), norm.sd.has_value(),
                                  !norm.retest.empty()};
   if (std::count(ways.begin(), ways.end(), true) > 1)
     throw input_error(reader.where() + ": states the error twice; give one of mdc95, sem, sd with icc, or retest");
+  if (std::count(ways.begin(), ways.end(), true) == 0 && !norm.low && !norm.high)
+    throw input_error(reader.where() +
+                      ": states nothing; give its error (mdc95, sem, sd with icc, or retest) or a range");
   return norm;
 }
 
 }  // namespace
 
 Norms load_norms(const std::string& file) {
-  static const std::vector<std::string> kModes{"passive", "assisted", "tunnel",   "cursor",
-                                               "resist",  "free",     "playback", "recording"};
+  static const std::vector<std::string> kModes{"passive", "assisted", "tunnel",   "cursor",   "resist",
+                                               "free",    "reach",    "playback", "recording"};
   constexpr int kFormat = 1;
   const nlohmann::json document = load_json(file);
   JsonReader reader(document, file);

@@ -102,6 +102,24 @@ TEST(SessionReport, FitsTrendsToFinishedRepetitionsOnly) {
   EXPECT_FALSE(trend_of(report.sessions[0].exercises[0], "contour_rms_m").line) << "three are too few";
 }
 
+TEST(SessionReport, SaysWhyTheMedianOfAMetricIsUndefined) {
+  const std::size_t rms = index_of_figure("contour_rms_m");
+  const auto exercise = [&](const std::vector<std::string>& ends, std::optional<double> value) {
+    ReportExercise one;
+    for (const std::string& end : ends) {
+      ReportTrial trial{.stopped_by = end};
+      trial.figures.resize(all_trial_figures().size());
+      trial.figures[rms] = value;
+      one.trials.push_back(std::move(trial));
+    }
+    EXPECT_TRUE(std::isnan(summary_of(one, rms).median));
+    return why_undefined(one, rms);
+  };
+  EXPECT_EQ(exercise({"time_over", "interrupted"}, 1e-3), "no repetition was finished");
+  EXPECT_EQ(exercise({"finished", "finished"}, {}), "the metric is undefined in every finished repetition");
+  EXPECT_EQ(exercise({"finished", "time_over", "time_over"}, 1e-3), "half of the repetitions or more ran out of time");
+}
+
 TEST(SessionReport, ComparesUnguidedTestsOfOneParticipantOnOnePathAlsoAcrossSessions) {
   const TempFolder folder;
   SessionFolder lesson(folder / "lesson"), later(folder / "later"), other(folder / "other");

@@ -257,6 +257,16 @@ TEST(PlaceTracker, LetsWallsHoldATraineeWhoReturnsUnlessThatIsAllowed) {
   }
 }
 
+TEST(PlaceTracker, LetsTheExpertRestWhileItHoldsThePlace) {
+  const ArcPath path = place_path_of(kCurves[0]);
+  PlaceTracker tracker(path, {});
+  for (int i = 0; i <= 600; ++i) (void)tracker.update(Vec3(1e-4 * i, 0, 0), 1e-3);
+  EXPECT_GT(tracker.foot().expert_speed, 0.01) << "the path ends in full movement";
+  EXPECT_EQ(tracker.hold(Vec3(0.06, 0, 0), 1e-3).expert_speed, 0) << "help for the slow would push the hand";
+  (void)tracker.update(Vec3(0.0601, 0, 0), 1e-3);
+  EXPECT_GT(tracker.foot().expert_speed, 0.01);
+}
+
 TEST(PlaceTracker, DoubtsAPlaceThatMayBeOnEitherLegAndGrowsCertainAgain) {
   const ArcPath path = place_path_of(kCurves[2]);
   PlaceTracker tracker(path, {});

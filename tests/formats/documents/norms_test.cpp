@@ -53,10 +53,13 @@ TEST(Norms, AreRejectedWithTheKeyThatIsWrong) {
   refused("/source", "", "must not be empty");
   refused("/mode", "fre", "free");
   refused("/age", {60, 20}, "[from, to]");
-  refused("/metrics/contour_rms_m/icc", 1.5, "at most 1");
+  refused("/metrics/contour_rms_m/icc", 1.5, "less than 1");
+  refused("/metrics/contour_rms_m/icc", 1, "less than 1");
   refused("/metrics/contour_rms_m/icc", nullptr, "sd and icc belong together");
   refused("/metrics/contour_rms_m/sem", 1e-3, "states the error twice");
   refused("/metrics/contour_rms_m/mdc", 1e-3, "mdc");
+  refused("/metrics/contour_rms_m/sd", 0, "sd is 0, but every measurement has an error");
+  refused("/metrics/sparc", nlohmann::json::object(), "states nothing");
   refused("/metrics/contour_rms_m/range", {2}, "[from, to]");
   refused("/metrics/movement_time_s/retest", {{1, 2}, {3}, {4, 5}}, "same number of sessions");
   refused("/metrics/movement_time_s/retest", {{1, 2}, {3, 4}}, "at least 3 persons");
