@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <span>
 
 namespace haptrace::cli {
 
@@ -59,11 +60,10 @@ std::vector<std::string> notes_on_reach(const SessionOptions& session, const Dev
   if (names.size() == 1)
     return {fmt::format("'{}' lies outside the workspace of {}: it cannot be touched", names[0], info.name)};
   constexpr std::size_t kMostNames = 4;
-  std::string list;
-  for (std::size_t i = 0; i < std::min(names.size(), kMostNames); ++i)
-    list += fmt::format("{}'{}'", i > 0 ? ", " : "", names[i]);
-  return {fmt::format("{} of {} objects lie outside the workspace of {}: {}{} cannot be touched", names.size(),
-                      session.touch.scene->size(), info.name, list, names.size() > kMostNames ? ", ..." : "")};
+  const auto first = std::span(names).first(std::min(names.size(), kMostNames));
+  return {fmt::format("{} of {} objects lie outside the workspace of {}: '{}'{} cannot be touched", names.size(),
+                      session.touch.scene->size(), info.name, fmt::join(first, "', '"),
+                      names.size() > kMostNames ? ", ..." : "")};
 }
 
 }  // namespace haptrace::cli

@@ -27,7 +27,7 @@ std::vector<std::string> recordings_of(const std::string& where) {
 
 struct Arguments {
   std::string file;
-  std::uint16_t port = 0;
+  int port = 0;
   bool no_browser = false;
 };
 
@@ -49,10 +49,11 @@ Verb add_view(CLI::App& app) {
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             require_page();
+            check_range("--port", arguments->port, 0, 65535);
             const std::vector<std::string> files =
                 is_session(arguments->file) ? recordings_of(arguments->file) : std::vector{arguments->file};
             const Signals signals;
-            const RecordingView view(files, {.port = arguments->port});
+            const RecordingView view(files, {.port = static_cast<std::uint16_t>(arguments->port)});
             const std::string address = view.address();
             if (output.json) output.tell({{"address", address}, {"files", files}}, "");
             output.remark(fmt::format("view: {} (Ctrl+C ends it)", address));

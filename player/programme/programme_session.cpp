@@ -216,6 +216,13 @@ class ProgrammeRun {
     save();
     try {
       go_through();
+    } catch (const Error& error) {
+      // A start that was refused is no sitting.
+      if (error.kind() == Error::Kind::input && sitting().duration == 0)
+        withdraw();
+      else
+        note_failure(error.what());
+      throw;
     } catch (const std::exception& error) {
       note_failure(error.what());
       throw;
@@ -237,6 +244,14 @@ class ProgrammeRun {
       log().trials.back().detail = why;
     }
     end("stopped", why);
+  } catch (...) {
+  }
+
+  /// Takes this sitting out of the log. A failure to write the log must not hide the error.
+  void withdraw() noexcept try {
+    log().trials.resize(sitting().first_trial);
+    log().sittings.pop_back();
+    save();
   } catch (...) {
   }
 

@@ -241,11 +241,13 @@ std::string text_of(const Explanation& explanation, const Budget& budget, const 
       text += fmt::format("  {:<20} refused: {}\n", price.term, price.without.refused);
       continue;
     }
-    const std::string instructions =
-        std::isfinite(price.instructions) ? fmt::format("{:.0f} instructions and ", price.instructions) : "";
+    // Instructions repeat from run to run, and the time of a tick does not.
+    const bool counted = std::isfinite(price.instructions);
+    const double saved = counted ? price.instructions : 1e9 * price.control;
     text += fmt::format(
-        "  {:<20} error {:+.4f} mm, ripple {:+.3f} N; saves {}{} ns per tick{}\n", price.term, 1e3 * price.error_change,
-        price.ripple_change, instructions, number_or(1e9 * price.control, "{:.0f}"),
+        "  {:<20} error {:+.4f} mm, ripple {:+.3f} N; {} {} {} a tick{}\n", price.term, 1e3 * price.error_change,
+        price.ripple_change, saved < 0 ? "costs" : "saves", number_or(std::abs(saved), "{:.0f}"),
+        counted ? "instructions" : "ns",
         price.dispensable ? fmt::format("; it can be dropped, the change is smaller than {}", to_string(budget)) : "");
   }
   return text;

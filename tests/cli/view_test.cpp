@@ -86,6 +86,9 @@ TEST(View, RejectsOptionsThatNeedIt) {
       haptrace("record", "x.h5", "-d", kFalcon, "--duration", "1", "--view", "--on-page-lost", "sopften");
   EXPECT_EQ(lost.exit_code, 2);
   EXPECT_THAT(lost.err, HasSubstr("did you mean 'soften'?"));
+  const Answer port = haptrace("view", "x.h5", "--port", "99999");
+  EXPECT_EQ(port.exit_code, 2);
+  EXPECT_THAT(port.err, HasSubstr("--port is 99999; it must be from 0 to 65535"));
 }
 
 TEST(View, StopsASessionForAPageThatMayOnlyWatch) {

@@ -189,6 +189,22 @@ TEST_F(ProgrammeSession, ResumesWithTheRepetitionThatWasInterrupted) {
   EXPECT_TRUE(std::filesystem::exists(file(second.log.trials[3].file)));
 }
 
+TEST_F(ProgrammeSession, LogsNoSittingThatWasRefusedAtItsStart) {
+  options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
+    if (trial.repetition == 2) (*stop_).raise();
+  };
+  (void)run(programme_of({R"("mode": "free", "repetitions": 3)"}));
+  const SessionLog before = load_session_log(options_.folder);
+  options_.begins = nullptr;
+  const double rate = std::exchange(options_.session.loop.rate_hz, 1e5);
+  EXPECT_THAT(test::error_of([&] { (void)resume(); }), HasSubstr("100000 Hz"));
+  const SessionLog after = load_session_log(options_.folder);
+  EXPECT_EQ(after.sittings.size(), before.sittings.size());
+  EXPECT_EQ(after.trials.size(), before.trials.size());
+  options_.session.loop.rate_hz = rate;
+  EXPECT_TRUE(resume().log.complete);
+}
+
 TEST_F(ProgrammeSession, LogsWhatStoppedIt) {
   options_.begins = [&](const ScheduledTrial& trial, const TrialSettings&, std::size_t, std::size_t) {
     if (trial.repetition == 2) (*stop_).raise(StopSource::page);
