@@ -19,6 +19,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
+#include <set>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -45,6 +46,12 @@ std::string text_of(const nlohmann::json& value) {
 nlohmann::json value_of(const std::string& text) {
   const nlohmann::json parsed = nlohmann::json::parse(text, nullptr, false);
   return parsed.is_number() || parsed.is_boolean() ? parsed : nlohmann::json(text);
+}
+
+/// The options that --config gave, not the command line.
+std::set<const CLI::Option*>& configured() {
+  static std::set<const CLI::Option*> options;
+  return options;
 }
 
 /// Returns the key and the value of "KEY=VALUE".
@@ -256,16 +263,12 @@ void require(const CLI::App& verb, const std::string& option) {
 }
 
 void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependences) {
-  // A configuration that was kept names every option with its default.
-  const auto differs = [](const CLI::Option& option) {
-    const std::string& standard = option.get_default_str();
-    const std::string given = option.count() > 0 ? option.results().front() : standard;
-    return given != standard && (standard.empty() || value_of(given) != value_of(standard));
-  };
-  for (const Dependence& one : dependences)
-    if (!one.works && differs(*verb.get_option(one.option)))
+  for (const Dependence& one : dependences) {
+    const CLI::Option* option = verb.get_option(one.option);
+    if (!one.works && option->count() > 0 && !configured().contains(option))
       throw input_error(
           fmt::format("{} has no effect without {}: leave it out, or give {}", one.option, one.needs, one.needs));
+  }
 }
 
 void keep_inputs(const std::string& output, std::span<const std::string> inputs) {
@@ -320,6 +323,7 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
       else
         option->add_result(text_of(value));
       option->run_callback();
+      configured().insert(option);
     } catch (const CLI::ParseError& error) {
       throw input_error(fmt::format("{}: key '{}': {}", file, key, error.what()));
     }

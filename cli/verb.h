@@ -116,7 +116,8 @@ struct Dependence {
   const char* needs;
 };
 
-/// Throws Error(input) that names the first option which was given, differs from its default, and has no effect.
+/// Throws Error(input) that names the first option of the command line that has no effect. Options of --config may have
+/// none: a recording keeps those of its whole session.
 void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependences);
 
 /// Throws Error(input) if `output` is one of the files that the verb reads. Ignores empty names.

@@ -177,7 +177,7 @@ TEST(GuideCommand, CountsATunnelInModeFreeOnlyIfARadiusIsGiven) {
   EXPECT_THAT(asked.out, HasSubstr("of the time in the tunnel"));
 }
 
-TEST(GuideCommand, RefusesOptionsWithoutEffectButNotTheirDefaults) {
+TEST(GuideCommand, RefusesOptionsWithoutEffectButNotThoseOfAConfiguration) {
   const TempFolder folder;
   const std::string path = expert(folder);
   const auto error = [&](const std::vector<std::string>& more) {
@@ -191,7 +191,9 @@ TEST(GuideCommand, RefusesOptionsWithoutEffectButNotTheirDefaults) {
   EXPECT_THAT(error({"--pace-force", "2"}), HasSubstr("--pace-force has no effect without --pace: leave it out, or"));
   EXPECT_THAT(error({"--amplify-force", "2"}), HasSubstr("--amplify-force has no effect"));
   for (const std::vector<std::string>& fine : std::vector<std::vector<std::string>>{
-           {"--speed", "1.0"}, {"--pace", "1", "--pace-force", "2"}, {"--mode", "cursor", "--speed", "0.5"}})
+           {"--config", folder.write("c.json", R"({"speed": 0.5, "pace-force": 2})")},
+           {"--pace", "1", "--pace-force", "2"},
+           {"--mode", "cursor", "--speed", "0.5"}})
     EXPECT_THAT(error(fine), testing::Not(HasSubstr("no effect"))) << fine[0];
 }
 

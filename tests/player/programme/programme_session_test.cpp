@@ -514,8 +514,9 @@ TEST_F(ProgrammeSession, RefusesToResumeWithAnotherDevice) {
     return std::make_shared<PointMass>();
   };
   EXPECT_THAT(error_of([&] { (void)resume(); }), AllOf(HasSubstr("started with sim"), HasSubstr("point mass")));
-  EXPECT_EQ(load_session_log(options_.folder).sittings.back().ended_by, "stopped");
-  EXPECT_EQ(load_session_log(options_.folder).trials.size(), before) << "nothing was begun";
+  const SessionLog log = load_session_log(options_.folder);
+  EXPECT_EQ(log.sittings.size(), 1U);
+  EXPECT_EQ(log.trials.size(), before) << "nothing was begun";
 }
 
 TEST_F(ProgrammeSession, SkipsARepetitionAndGoesOnWithTheNext) {
