@@ -56,9 +56,18 @@ Experts open_experts(const AverageArguments& arguments, const Output& output) {
         fmt::format("{} holds one repetition; name further recordings of the same task, or one with several "
                     "repetitions",
                     file));
-  for (std::uint64_t run = 1; run <= whole.runs; ++run)
-    experts.push_back(open_expert(file, {.repetition = static_cast<int>(run)}, {},
-                                  fmt::format("{}, repetition {}", file, run), output));
+  for (std::uint64_t run = 1; run <= whole.runs; ++run) {
+    auto expert = open_expert(file, {.repetition = static_cast<int>(run)}, {},
+                              fmt::format("{}, repetition {}", file, run), output);
+    if (expert->facts().cut_short)
+      output.remark(fmt::format("{} is left out: it was cut short", expert->facts().name));
+    else
+      experts.push_back(std::move(expert));
+  }
+  if (experts.size() < 2)
+    throw input_error(fmt::format("{} holds {} repetition{} that {} not cut short, but an average needs at least two",
+                                  file, experts.size(), experts.size() == 1 ? "" : "s",
+                                  experts.size() == 1 ? "was" : "were"));
   return experts;
 }
 

@@ -94,7 +94,7 @@ void PathArguments::add_to(CLI::App& app) {
   app.add_option("--from", selection.from, "start at this time of the recording [s]")->group("Path");
   app.add_option("--to", selection.to, "end at this time of the recording [s]")->group("Path");
   app.add_option("--repetition", selection.repetition,
-                 "number of the repetition to use, from 1 (default: the last one)")
+                 "number of the repetition to use, from 1 (default: the last that was not cut short)")
       ->group("Path");
   app.add_option("--smoothing", smoothing,
                  "time constant of the smoothing of positions [s] (0: none; default: from their noise)")

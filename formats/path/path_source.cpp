@@ -1,6 +1,7 @@
 #include "formats/path/path_source.h"
 
 #include "base/error.h"
+#include "control/event_words.h"
 #include "control/rotation.h"
 #include "formats/path/path_blocks.h"
 #include "formats/recording/recording_summary.h"
@@ -126,9 +127,7 @@ class RecordedPath final : public PathSource {
     if (rows_.size() < whole.rows && whole.runs > 0)
       note(fmt::format("{} of {} samples are in phase run{}; the others were left out", whole.run_rows, whole.rows,
                        whole.runs > 1 ? fmt::format(", in {} repetitions", whole.runs) : ""));
-    if (whole.runs > 1 && !selection.repetition)
-      note(fmt::format("the path is the last of {} repetitions; choose another with --repetition 1 to {}", whole.runs,
-                       whole.runs));
+    if (facts_.cut_short) note("this repetition was cut short by a time limit, a stop or a fault");
     cut(selection);
     measure(overview, whole.runs > 0);
   }
@@ -167,15 +166,43 @@ class RecordedPath final : public PathSource {
     return seconds(reader_.read(row, 1, std::span(kRecordedColumns).first(1)).front().time_ns);
   }
 
+  /// Returns the rows of the path, and sets facts_.cut_short.
   [[nodiscard]] Rows choose(const std::vector<RecordingSummary>& overview, const RecordingSummary& whole,
-                            const PathSelection& selection) const {
+                            const PathSelection& selection) {
     if (!selection.repetition && whole.runs == 0) return {0, whole.rows};
-    const auto asked =
-        static_cast<std::uint64_t>(std::max(selection.repetition.value_or(static_cast<int>(whole.runs)), 0));
-    if (asked < 1 || asked > whole.runs)
-      throw input_error(fmt::format("{}: there is no repetition {}; the recording has {}", facts_.name,
-                                    *selection.repetition, whole.runs));
-    return find_run(overview, asked);
+    if (whole.runs == 1 && selection.repetition.value_or(1) == 1) return find_run(overview, 1);
+    const std::vector<StoredEvent> events = reader_.events();
+    if (selection.repetition) {
+      const auto asked = static_cast<std::uint64_t>(std::max(*selection.repetition, 0));
+      if (asked < 1 || asked > whole.runs)
+        throw input_error(fmt::format("{}: there is no repetition {}; the recording has {}", facts_.name,
+                                      *selection.repetition, whole.runs));
+      const Rows run = find_run(overview, asked);
+      facts_.cut_short = is_cut_short(run, events);
+      return run;
+    }
+    for (std::uint64_t number = whole.runs; number > 0; --number) {
+      const Rows run = find_run(overview, number);
+      if (is_cut_short(run, events)) continue;
+      note(fmt::format("the path is the last of {} repetitions{}; choose another with --repetition 1 to {}", whole.runs,
+                       number < whole.runs ? fmt::format(" that was not cut short, number {}", number) : "",
+                       whole.runs));
+      return run;
+    }
+    facts_.cut_short = true;
+    note(fmt::format("the path is the last of {} repetitions; choose another with --repetition 1 to {}", whole.runs,
+                     whole.runs));
+    return find_run(overview, whole.runs);
+  }
+
+  /// Returns whether an event of a time limit, a stop or a fault ended a run.
+  [[nodiscard]] bool is_cut_short(const Rows& run, std::span<const StoredEvent> events) const {
+    constexpr double kAround = 5e-3;  // the event is of the tick that ends the run, or of the next [s]
+    const double end = time_of(run.end - 1);
+    return std::any_of(events.begin(), events.end(), [&](const StoredEvent& event) {
+      const EventWords* words = words_of(static_cast<EventCode>(event.code));
+      return words != nullptr && words->stops && std::abs(event.time - end) <= kAround;
+    });
   }
 
   /// Returns the rows of run `number`, from 1. Reads only the blocks in which the run begins and ends.

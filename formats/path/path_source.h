@@ -27,6 +27,7 @@ struct PathFacts {
   bool measured = false;           ///< the recording has a measured force, see PathSelection
   bool orientation = false;        ///< pieces contain orientations
   bool contacts = false;           ///< recorded with a scene: the forces hold those of its objects
+  bool cut_short = false;          ///< of several repetitions, this one was ended by a time limit, a stop or a fault
   std::vector<std::string> notes;  ///< notes for the user
 
   [[nodiscard]] double duration() const noexcept { return end - begin; }
@@ -69,7 +70,7 @@ struct PathSelection {
   double from = -std::numeric_limits<double>::infinity();  ///< rows with stamps from here [s] ...
   double to = std::numeric_limits<double>::infinity();     ///< ... to here
   bool measured = false;          ///< read the measured force of a recording in place of the sent one
-  std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last run
+  std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last one that was not cut short, or the last
 };
 
 /// Receives the number of rows done while a file without stored statistics is read.

@@ -163,6 +163,14 @@ TEST(AverageCommand, AveragesTheRepetitionsOfOneRecording) {
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
   EXPECT_EQ(answer.json()["copies"].size(), 3U);
   EXPECT_THAT(answer.json()["copies"][1]["name"].get<std::string>(), HasSubstr("played.h5, repetition 2"));
+
+  const std::string slow = folder / "slow.h5";
+  ASSERT_EQ(haptrace("guide", circle, "--device", kFalcon, "--repeat", "2", "--time-limit", "0.3", "--record", slow)
+                .exit_code,
+            0);
+  EXPECT_THAT(haptrace("average", slow, "-o", folder / "none.h5").err,
+              testing::AllOf(HasSubstr("slow.h5, repetition 1 is left out: it was cut short"),
+                             HasSubstr("holds 0 repetitions that were not cut short")));
 }
 
 TEST(GuideCommand, CountsATunnelInModeFreeOnlyIfARadiusIsGiven) {
@@ -190,10 +198,10 @@ TEST(GuideCommand, RefusesOptionsWithoutEffectButNotThoseOfAConfiguration) {
   EXPECT_THAT(error({"--mode", "free", "--initiate"}), HasSubstr("--initiate has no effect"));
   EXPECT_THAT(error({"--pace-force", "2"}), HasSubstr("--pace-force has no effect without --pace: leave it out, or"));
   EXPECT_THAT(error({"--amplify-force", "2"}), HasSubstr("--amplify-force has no effect"));
-  for (const std::vector<std::string>& fine : std::vector<std::vector<std::string>>{
-           {"--config", folder.write("c.json", R"({"speed": 0.5, "pace-force": 2})")},
-           {"--pace", "1", "--pace-force", "2"},
-           {"--mode", "cursor", "--speed", "0.5"}})
+  for (const std::vector<std::string>& fine :
+       std::vector<std::vector<std::string>>{{"--config", folder.write("c.json", R"({"speed": 0.5, "pace-force": 2})")},
+                                             {"--pace", "1", "--pace-force", "2"},
+                                             {"--mode", "cursor", "--speed", "0.5"}})
     EXPECT_THAT(error(fine), testing::Not(HasSubstr("no effect"))) << fine[0];
 }
 

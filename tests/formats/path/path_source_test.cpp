@@ -174,6 +174,36 @@ TEST(PathSource, TakesTheSamplesOfTheRequestedRun) {
   }
 }
 
+TEST(PathSource, PrefersARepetitionThatWasNotCutShort) {
+  const TempFolder folder;
+  std::vector<Sample> session = random_session(3, 3600, {});
+  for (std::size_t i = 0; i < session.size(); ++i) session[i].phase = i % 1200 < 1000 ? Phase::run : Phase::hold;
+  const auto recorded = [&](const char* name, const std::vector<std::size_t>& cut, EventCode code) {
+    const std::string file = folder / name;
+    RecordingWriter writer(file, {}, {}, {});
+    writer.append(session);
+    for (const std::size_t run : cut)
+      writer.append(StoredEvent{.time = 1e-9 * static_cast<double>(session[1200 * run + 1000].time_ns),
+                                .code = static_cast<std::int32_t>(code)});
+    writer.append(StoredEvent{.time = 1e-9 * static_cast<double>(session[1500].time_ns),
+                              .code = static_cast<std::int32_t>(EventCode::mark)});
+    writer.finish();
+    return file;
+  };
+  const std::string third = recorded("third.h5", {2}, EventCode::time_over),
+                    all = recorded("all.h5", {0, 1, 2}, EventCode::interrupted);
+  const auto chosen = source_of(RecordingReader(third), third);
+  expect_rows(chosen->read(0, 3600), session, 1200, 2200);
+  EXPECT_FALSE(chosen->facts().cut_short);
+  EXPECT_THAT(chosen->facts().notes, Contains(HasSubstr("last of 3 repetitions that was not cut short, number 2")));
+  const auto asked = source_of(RecordingReader(third), third, {.repetition = 3});
+  EXPECT_TRUE(asked->facts().cut_short);
+  EXPECT_THAT(asked->facts().notes, Contains(HasSubstr("was cut short by a time limit, a stop or a fault")));
+  const auto last = source_of(RecordingReader(all), all);
+  expect_rows(last->read(0, 3600), session, 2400, 3400);
+  EXPECT_TRUE(last->facts().cut_short);
+}
+
 TEST(PathSource, SaysWhyNothingCanBeChosen) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
