@@ -91,7 +91,7 @@ Vec3 ReachForces::update(const State& state, bool acts, double share, bool alone
     const Vec3 off = state.position - geometry_.start;
     const Vec3 d = off - along_.dot(off) * along_, v = state.velocity - along_.dot(state.velocity) * along_;
     if (acts && on_.value() > 0 && norm_of(d) > options_.clamp->break_out) broken_ = true;
-    force_ = -gain * (limited(options_.clamp->stiffness * d) + options_.clamp->damping * v);
+    force_ = -gain * limited(options_.clamp->stiffness * d + options_.clamp->damping * v);
   } else {
     force_ = gain * tank_.share() * limited(options_.field * state.velocity);
   }

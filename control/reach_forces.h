@@ -24,7 +24,7 @@ struct ClampOptions {
 /// reach, d = (p - start) - u (u . (p - start)) and v_d = v - u (u . v):
 ///
 ///     field   F = g s h sat(B v)
-///     clamp   F = -g h (sat(k d) + b v_d)
+///     clamp   F = -g h sat(k d + b v_d)
 ///
 /// g is a ramp: the force comes on over `rise` and goes off within kFall. sat() limits the magnitude to `max_force` and
 /// keeps the direction.
@@ -50,7 +50,7 @@ class ReachForces {
   struct Options {
     Eigen::Matrix3d field = Eigen::Matrix3d::Zero();  ///< B, in W [N s/m]; zero: none
     std::optional<ClampOptions> clamp;                ///< instead of the field
-    double field_rise = 0.3;                          ///< [s]
+    double field_rise = 0.1;                          ///< shorter than a hand takes to react [s]
     double max_force = 5;                             ///< [N]
     double energy = 0.5;                              ///< content of the tank [J]
     double delay = 5e-3;                              ///< from sending a force to its effect [s]

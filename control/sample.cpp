@@ -185,6 +185,9 @@ std::string describe(const Event& event) {
     case EventCode::deviation_limit:
       return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::deviation_over:
+      if (std::isfinite(c))
+        return fmt::format("the clamp went off: the hand was {:.1f} mm from its line, the limit is {:.1f} mm", 1e3 * a,
+                           1e3 * b);
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::oscillation:
       if (!std::isfinite(c)) return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
@@ -230,6 +233,7 @@ std::string describe(const Event& event) {
     case EventCode::path_unreadable:
       return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
     case EventCode::time_over:
+      if (std::isfinite(c)) return fmt::format("the hand did not hold still in the start within {:.0f} s", c);
       return fmt::format("the time limit was reached at {:.3f} m of {:.3f} m", a, b);
     case EventCode::rotation_limit:
       return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
@@ -248,6 +252,11 @@ std::string describe(const Event& event) {
       return fmt::format(
           "the place on the path is in doubt for {:.1f} s, {:.3f} m or {:.3f} m: the expert's force fades", a, b, c);
     case EventCode::tank_empty:
+      if (std::isfinite(c))
+        return fmt::format(
+            "the energy tank is empty for {:.1f} s: {:.0f} % of the force field remain; a larger `energy` of the reach "
+            "keeps it",
+            a, 100 * b);
       return fmt::format(
           "the energy tank is empty for {:.1f} s: {:.0f} % of the expert's force and of the help remain; a larger "
           "--energy keeps them",

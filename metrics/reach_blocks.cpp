@@ -28,6 +28,10 @@ struct BlockValues {
 void count_reach(ReachBlockSummary& block, BlockValues& values, const LoggedTrial& trial) {
   const ReachKind kind = trial.reach->kind;
   ++(kind == ReachKind::clamp ? block.clamps : kind == ReachKind::catch_trial ? block.catches : block.plain);
+  if (const auto share = figure_in(trial.figures, "field_share"); share && *share < ReachFigures::kLeastField) {
+    ++block.weakened;
+    return;
+  }
   add_figure(values.reaction, trial, "reaction_time_s");
   add_figure(values.deviation, trial, "lateral_deviation_m");
   add_figure(values.after, trial, "after_effect_m");
@@ -76,6 +80,7 @@ nlohmann::json to_json(const std::vector<ReachBlockSummary>& blocks) {
                     {"catches", block.catches},
                     {"clamps", block.clamps},
                     {"clamps_refused", block.refused},
+                    {"weakened", block.weakened},
                     {"reaction_time_s", json_of_optional(block.reaction_time)},
                     {"lateral_deviation_m", json_of_optional(block.lateral_deviation)},
                     {"after_effect_m", json_of_optional(block.after_effect)},
@@ -85,7 +90,7 @@ nlohmann::json to_json(const std::vector<ReachBlockSummary>& blocks) {
 }
 
 std::string describe(const ReachBlockSummary& block) {
-  std::string text = fmt::format("{}: {} reaches", block.name.empty() ? "all" : block.name,
+  std::string text = fmt::format("{}: {} finished reaches", block.name.empty() ? "all" : block.name,
                                  block.plain + block.catches + block.clamps);
   const auto add = [&](const char* what, const std::optional<double>& value, double scale, int digits,
                        const char* unit) {
@@ -95,6 +100,9 @@ std::string describe(const ReachBlockSummary& block) {
   add("lateral deviation", block.lateral_deviation, 1e3, 1, " mm");
   add("after-effect", block.after_effect, 1e3, 1, " mm");
   add("adaptation index", block.adaptation_index, 1, 2, "");
+  if (block.weakened > 0)
+    text += fmt::format(", {} of {} reaches left out, in which less than {:.0f} % of the field acted", block.weakened,
+                        block.plain, 1e2 * ReachFigures::kLeastField);
   if (block.refused > 0) text += fmt::format(", {} of {} clamps without an index", block.refused, block.clamps);
   return text;
 }

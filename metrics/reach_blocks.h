@@ -18,11 +18,13 @@ struct ReachBlockSummary {
   bool field = false;
   std::size_t plain = 0, catches = 0, clamps = 0;  ///< finished reaches of each kind
   std::size_t refused = 0;                         ///< clamps without an adaptation index
-  std::optional<double> reaction_time;             ///< of all kinds [s]
-  std::optional<double> lateral_deviation;         ///< of plain reaches, at peak speed [m]
-  std::optional<double> after_effect;              ///< of catch trials [m]
-  std::optional<double> after_effect_change;       ///< less the deviation in the blocks before the first field [m]
-  std::optional<double> adaptation_index;          ///< of clamps
+  /// Plain reaches in which less than ReachFigures::kLeastField of the field acted. They do not count in the means.
+  std::size_t weakened = 0;
+  std::optional<double> reaction_time;        ///< of all kinds [s]
+  std::optional<double> lateral_deviation;    ///< of plain reaches, at peak speed [m]
+  std::optional<double> after_effect;         ///< of catch trials [m]
+  std::optional<double> after_effect_change;  ///< less the deviation in the blocks before the first field [m]
+  std::optional<double> adaptation_index;     ///< of clamps
 };
 
 /// Returns a summary for each block of exercise `i`. Throws nothing for an exercise without reaches: it has no blocks.

@@ -37,8 +37,19 @@ std::optional<double> reaction_time(const EvenTrial& trial, std::size_t peak) {
   return start && *start >= ReachFigures::kFastest && *start <= ReachFigures::kSlowest ? start : std::nullopt;
 }
 
+std::optional<double> field_share(const EvenTrial& trial, const Eigen::Matrix3d& field) {
+  if (!trial.force) return std::nullopt;
+  double sent = 0, whole = 0;
+  for (std::size_t k = trial.first; k <= trial.last; ++k) {
+    const Vec3 ideal = field * trial.velocity[k];
+    sent += (*trial.force)[k].dot(ideal);
+    whole += ideal.squaredNorm();
+  }
+  return whole > 0 ? std::optional(sent / whole) : std::nullopt;
+}
+
 /// Adds the adaptation index, or why there is none.
-void add_index(ReachFigures& figures, const EvenTrial& trial, const ReachTrial& reach) {
+void add_index(ReachFigures& figures, const EvenTrial& trial, const ReachTrial& reach, const std::string& spoiled) {
   const std::optional<std::vector<Vec3>>& force = trial.measured ? trial.measured : trial.force;
   if (reach.field.isZero(0)) {
     figures.refused = "the clamp has no adaptation index: the exercise has no force field";
@@ -46,6 +57,10 @@ void add_index(ReachFigures& figures, const EvenTrial& trial, const ReachTrial& 
   }
   if (!force) {
     figures.refused = "the clamp has no adaptation index: the recording has no force";
+    return;
+  }
+  if (!spoiled.empty()) {
+    figures.refused = "the clamp has no adaptation index: " + spoiled;
     return;
   }
   if (figures.lateral_play > ReachFigures::kMostPlay) {
@@ -78,7 +93,8 @@ void add_index(ReachFigures& figures, const EvenTrial& trial, const ReachTrial& 
 
 }  // namespace
 
-std::optional<ReachFigures> reach_figures(const Trial& trial, const ReachTrial& reach, const MovementOptions& options) {
+std::optional<ReachFigures> reach_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled,
+                                          const MovementOptions& options) {
   const std::optional<EvenTrial> even = even_trial(trial, options);
   if (!even) return std::nullopt;
   const ReachGeometry& geometry = reach.geometry;
@@ -99,7 +115,8 @@ std::optional<ReachFigures> reach_figures(const Trial& trial, const ReachTrial& 
   figures.path_ratio = length / geometry.distance();
   figures.lateral_deviation = geometry.deviation(even->position[fastest]);
   figures.end_error = (even->position[even->last] - geometry.target).norm();
-  if (reach.kind == ReachKind::clamp) add_index(figures, *even, reach);
+  if (reach.field_acts() && !reach.field.isZero(0)) figures.field_share = field_share(*even, reach.field);
+  if (reach.kind == ReachKind::clamp) add_index(figures, *even, reach, spoiled);
   return figures;
 }
 

@@ -30,6 +30,10 @@ struct ReachFigures {
   double end_error = 0;          ///< distance from the target at the end of the movement [m]
   double lateral_play = 0;       ///< largest distance from the line, from onset to end [m]
 
+  /// Share of the field that acted, of a reach in which it should: sum(F . B v) / sum |B v|^2 from onset to end, with
+  /// the sent force F. Limits of force and energy, and the guard, lower it.
+  std::optional<double> field_share;
+
   /// Adaptation index of an error clamp: sum(F_m F_i) / sum(F_i^2) from onset to end. F_m is the force of the channel
   /// on the hand along n; F_i is the channel's force on a hand that expects the whole field, n . B u (u . v), from the
   /// speed along the reach in the same trial. 0: nothing learned, 1: the whole field.
@@ -39,11 +43,13 @@ struct ReachFigures {
 
   static constexpr double kFastest = 0.1, kSlowest = 1;  ///< bounds of the reaction time [s]
   static constexpr double kMostPlay = 3e-3;              ///< lateral play beyond which there is no index [m]
+  static constexpr double kLeastField = 0.9;             ///< share of the field below which a reach is weakened
 };
 
-/// Computes the metrics of a reach. Nothing without a movement, see movement_figures(). The force is the measured one
-/// if the trial has it, else the force that was sent. Throws what movement_figures() throws.
-std::optional<ReachFigures> reach_figures(const Trial& trial, const ReachTrial& reach,
+/// Computes the metrics of a reach. Nothing without a movement, see movement_figures(). The force of an index is the
+/// measured one if the trial has it, else the force that was sent. `spoiled` says why the channel of a clamp did not
+/// act as planned; it then has no index. Throws what movement_figures() throws.
+std::optional<ReachFigures> reach_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled = "",
                                           const MovementOptions& options = {});
 
 }  // namespace haptrace

@@ -264,6 +264,11 @@ constexpr TrialFigure kFigures[] = {
      "The same in a catch trial, in which the force field is off without a warning. Its sign is opposite to that of a "
      "deviation that the field causes, in a hand that has learned the field.",
      kLowPass},
+    {"field_share", "share of the force field", "%", 1e2, 0, 0, of_reach<&ReachFigures::field_share>,
+     "Share of the force field that acted: sum(F . B v) / sum |B v|^2 from onset to end, with the sent force F. Limits "
+     "of "
+     "force and energy, and the guard, lower it. Below 90 %, a reach does not count in the means of its block.",
+     kLowPass},
     {"end_error_m", "end error", "mm", 1e3, 1, -1, of_reach<&ReachFigures::end_error>,
      "Distance of the hand from the target's centre at the end of the reach.", kLowPass},
     {"adaptation_index", "adaptation index", "", 1, 2, 0, of_reach<&ReachFigures::adaptation_index>,
@@ -272,7 +277,7 @@ constexpr TrialFigure kFigures[] = {
      "if the recording has it, else as sent; F_i is the lateral force of the field at the speed along the reach. 1: "
      "the "
      "hand compensates for the whole field. A channel of k N/m shows k / (k + K) of this on an arm of K N/m. Undefined "
-     "if the lateral play is above 3 mm.",
+     "if the lateral play is above 3 mm, and if the channel broke, vibrated or was limited.",
      kLowPass},
     {"adaptation_r", "correlation of the clamp's force", "", 1, 2, 0, of_reach<&ReachFigures::adaptation_r>,
      "Pearson correlation of F_m and F_i of the adaptation index.", kLowPass},
@@ -282,6 +287,33 @@ constexpr TrialFigure kFigures[] = {
      },
      "Largest distance from the line through start and target in an error clamp, from onset to end.", kLowPass},
 };
+
+}  // namespace
+
+namespace {
+
+/// Returns why the channel of a clamp did not act as planned during a trial; empty if it did.
+std::string spoiled_by(const std::vector<StoredEvent>& events, const RecordedTrial& trial) {
+  if (trial.time.empty()) return "";
+  for (const StoredEvent& event : events) {
+    if (event.time < trial.time.front() || event.time > trial.time.back()) continue;
+    switch (static_cast<EventCode>(event.code)) {
+      case EventCode::deviation_over:
+        return "the hand broke out of the channel";
+      case EventCode::oscillation:
+      case EventCode::vibrates:
+      case EventCode::vibrates_regularly:
+      case EventCode::bounces:
+        return "the channel vibrated and was softened";
+      case EventCode::force_limit:
+      case EventCode::continuous_limit:
+        return "the force of the channel was limited";
+      default:
+        break;
+    }
+  }
+  return "";
+}
 
 }  // namespace
 
@@ -301,11 +333,13 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
     reach = reach_trial_from(JsonReader(header.config["reach"], file + ": reach"));
 
   std::vector<RecordedTrial> trials;
+  // A reach whose cue never came has no rows.
+  if (reach && runs == 0) trials.push_back({.kind = TrialKind::reach, .reach = reach});
   bool in_trial = false;
   constexpr std::uint64_t kRowsAtOnce = 65'536;
   for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
     for (const Sample& sample : reader.read(row, kRowsAtOnce, kTrialColumns)) {
-      if (runs > 0 && sample.phase != Phase::run) {
+      if ((runs > 0 || reach) && sample.phase != Phase::run) {
         in_trial = false;
         continue;
       }
@@ -333,6 +367,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       }
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
+  if (reach && reach->kind == ReachKind::clamp)
+    for (RecordedTrial& trial : trials) trial.spoiled = spoiled_by(reader.events(), trial);
   for (RecordedTrial& trial : trials)
     for (std::vector<Vec3>* column : {&trial.force, &trial.measured, &trial.reference, &trial.expert})
       drop_unknown(*column);
@@ -418,6 +454,7 @@ std::optional<double> completion_of_reach(const ReachGeometry& geometry, std::sp
   for (const Vec3& p : positions)
     if (p.allFinite())
       farthest = std::max(farthest.value_or(0), (p - geometry.start).dot(geometry.along()) / geometry.distance());
+  if (positions.empty()) return 0;  // the reach did not begin
   return farthest ? std::optional(std::min(1.0, *farthest)) : std::nullopt;
 }
 
@@ -432,7 +469,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
   if (trial.reach) {
     figures.reach = reach_figures(
         {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured},
-        *trial.reach);
+        *trial.reach, trial.spoiled);
     figures.reach_kind = trial.reach->kind;
     figures.completion = completion_of_reach(trial.reach->geometry, trial.position);
   } else if (path && path->curve.length() > 0) {

@@ -40,6 +40,7 @@ struct RecordedTrial {
   std::vector<double> radius;    ///< tunnel radius at that point [m]
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
   std::optional<ReachTrial> reach;  ///< its places and field
+  std::string spoiled;              ///< why a clamp did not act as planned; empty otherwise
 };
 
 inline constexpr std::uint64_t kLongestTrial = 20'000'000;  ///< largest number of rows read into memory

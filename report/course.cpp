@@ -183,6 +183,8 @@ std::string obstacle(const Report& report, const ReportCourse::Point& from, cons
   for (const char* key : {"side", "hand"})
     if (meta_of(a, key) != meta_of(b, key)) return "the side changed";
   if (assistance_changed(exercise_of(report, from), exercise_of(report, to))) return "the assistance changed";
+  if (exercise_of(report, from).reach != exercise_of(report, to).reach)
+    return "the force field, the clamp or the blocks changed";
   return "";
 }
 

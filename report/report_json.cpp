@@ -52,10 +52,12 @@ json json_of_trend(const ReportTrend& trend) {
   return result;
 }
 
-json json_of_summary(const ReportSummary& summary) {
+/// A metric of which neither less nor more is better has a lower and an upper quartile instead.
+json json_of_summary(const ReportSummary& summary, const TrialFigure& figure) {
+  const bool ranks = figure.better != 0;
   return {{"median", json_of_number(summary.median)},
-          {"better_quartile", json_of_number(summary.better_quartile)},
-          {"worse_quartile", json_of_number(summary.worse_quartile)},
+          {ranks ? "better_quartile" : "lower_quartile", json_of_number(summary.better_quartile)},
+          {ranks ? "worse_quartile" : "upper_quartile", json_of_number(summary.worse_quartile)},
           {"finished", summary.finished},
           {"partial", summary.partial}};
 }
@@ -67,7 +69,7 @@ json json_of_exercise(const ReportExercise& exercise) {
     trends[all_trial_figures()[trend.figure].name] = json_of_trend(trend);
   json summaries = json::object();
   for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
-    summaries[all_trial_figures()[i].name] = json_of_summary(summary_of(exercise, i));
+    summaries[all_trial_figures()[i].name] = json_of_summary(summary_of(exercise, i), all_trial_figures()[i]);
   return {{"name", exercise.name},
           {"primary_metric", exercise.figure.empty() ? json(nullptr) : json(exercise.figure)},
           {"summary",
@@ -165,7 +167,7 @@ json json_of_comparison(const ReportComparison& comparison, const Report& report
   for (const ReportComparison::Group& group : comparison.groups) {
     json metrics = json::object();
     for (std::size_t i = 0; i < known.size(); ++i) {
-      metrics[known[i].name] = json_of_summary(group.summaries[i]);
+      metrics[known[i].name] = json_of_summary(group.summaries[i], known[i]);
       if (&group != &first)
         metrics[known[i].name]["from_first"] =
             json_of_change(change_between(report, {first.session, first.exercise}, {group.session, group.exercise}, i));
@@ -188,7 +190,8 @@ json json_of_course(const ReportCourse& course, const Report& report) {
     const ReportExercise& exercise = exercise_of(report, point);
     json metrics = json::object();
     for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
-      json& metric = metrics[all_trial_figures()[i].name] = json_of_summary(summary_of(exercise, i));
+      json& metric = metrics[all_trial_figures()[i].name] =
+          json_of_summary(summary_of(exercise, i), all_trial_figures()[i]);
       if (&point != &course.points.front())
         metric["from_first"] = json_of_change(change_between(report, course.points.front(), point, i));
     }

@@ -166,14 +166,16 @@ void add_trials(xml_node section, const ReportExercise& exercise, const std::str
 void add_blocks(xml_node section, const ReportExercise& exercise) {
   if (exercise.blocks.empty()) return;
   Table table(section,
-              fmt::format("Blocks of {}: means over the finished reaches. Deviations are positive to the left of the "
+              fmt::format("Blocks of {}: means over the finished reaches in which the field acted. Deviations are "
+                          "positive to the left of the "
                           "reach. The change of the after-effect is less the deviation before the first field.",
                           exercise.name),
               exercise.blocks.size());
   table.column("block");
   table.column("force field");
-  for (const char* title : {"plain reaches", "catch trials", "clamps", "clamps without an index", "reaction time (ms)",
-                            "lateral deviation (mm)", "after-effect (mm)", "its change (mm)", "adaptation index"})
+  for (const char* title :
+       {"plain reaches", "with less than 90 % of the field", "catch trials", "clamps", "clamps without an index",
+        "reaction time (ms)", "lateral deviation (mm)", "after-effect (mm)", "its change (mm)", "adaptation index"})
     table.column(title, true);
   const auto number = [&](const std::optional<double>& value, double scale, int digits) {
     table.number(value ? with_minus(fmt::format("{:.{}f}", scale * *value, digits)) : kUndefined);
@@ -181,7 +183,7 @@ void add_blocks(xml_node section, const ReportExercise& exercise) {
   for (const ReachBlockSummary& block : exercise.blocks) {
     table.row(block.name.empty() ? "all" : block.name);
     table.text(block.field ? "on" : "off");
-    for (const std::size_t n : {block.plain, block.catches, block.clamps, block.refused})
+    for (const std::size_t n : {block.plain, block.weakened, block.catches, block.clamps, block.refused})
       table.number(fmt::format("{}", n));
     number(block.reaction_time, 1e3, 0);
     number(block.lateral_deviation, 1e3, 1);
@@ -331,11 +333,12 @@ std::string with_unit(const TrialFigure& figure) {
 }
 
 bool is_main(std::size_t figure) {
-  static const std::set<std::string_view> kMain{
-      "contour_rms_m",       "contour_peak_m",    "deviation_rms_m", "time_in_tunnel",
-      "completion",          "helped_time",       "movement_time_s", "sparc",
-      "speed_peaks",         "force_error_rms_n", "mean_force_n",    "reaction_time_s",
-      "lateral_deviation_m", "after_effect_m",    "end_error_m",     "adaptation_index"};
+  static const std::set<std::string_view> kMain{"contour_rms_m",       "contour_peak_m",  "deviation_rms_m",
+                                                "time_in_tunnel",      "completion",      "helped_time",
+                                                "movement_time_s",     "sparc",           "speed_peaks",
+                                                "force_error_rms_n",   "mean_force_n",    "reaction_time_s",
+                                                "lateral_deviation_m", "after_effect_m",  "field_share",
+                                                "end_error_m",         "adaptation_index"};
   return kMain.contains(all_trial_figures()[figure].name);
 }
 

@@ -448,6 +448,17 @@ void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exerc
   if (exercise.progression && exercise.progression->difficulty) trial.level = settings.level;
 }
 
+/// Returns a text that is the same for reaching tasks that compare: field, clamp and blocks.
+std::string key_of(const ReachTask& task) {
+  std::string text;
+  if (task.field)
+    for (const double entry : task.field->reshaped()) text += fmt::format("{:g} ", entry);
+  text += fmt::format("; {:g} {:g} {:g}", task.clamp.stiffness.value_or(0), task.clamp.damping, task.clamp.break_out);
+  for (const ReachBlock& block : task.blocks)
+    text += fmt::format("; {} {} {:g} {:g}", block.reaches, block.field, block.clamps, block.catches);
+  return text;
+}
+
 std::string place_of(const ReportSession& session, const LoggedTrial& trial) {
   std::string text = fmt::format("{}, repetition {}", session.exercises[trial.exercise].name, trial.repetition);
   if (trial.round > 1) text += fmt::format(", round {}", trial.round);
@@ -481,6 +492,7 @@ class SessionReading {
       const Exercise& asked = programme_.exercise(i);
       add_path(exercise, paths_[i], scales_[i]);
       exercise.blocks = summarise_blocks(programme_, i, log_);
+      if (asked.reach) exercise.reach = key_of(*asked.reach);
       if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
     return std::move(session_);

@@ -90,6 +90,7 @@ struct ReportExercise {
   std::vector<ReportTrial> trials;
   std::vector<ReportTrend> trends;        ///< for every metric that is defined in a finished repetition
   std::vector<ReachBlockSummary> blocks;  ///< of a reaching exercise
+  std::string reach;                      ///< its field, clamp and blocks; sessions in which they differ do not compare
 
   [[nodiscard]] std::size_t finished() const;
   [[nodiscard]] std::size_t out_of_time() const;

@@ -92,12 +92,40 @@ ReachBlock read_block(JsonReader& reader, std::size_t number, bool has_field) {
                    .catches = reader.number("catches", 0, 0, 0.5)};
   if (block.field && !has_field)
     throw input_error(reader.where() + ".field: the exercise has no force field; add the key field to reach");
+  for (const auto& [key, share] : {std::pair("clamps", block.clamps), std::pair("catches", block.catches)})
+    if (share > 0 && std::lround(share * block.reaches) == 0)
+      throw input_error(fmt::format("{}.{}: {:g} of {} reaches is none; raise the share or the number of reaches",
+                                    reader.where(), key, share, block.reaches));
   if (!block.field && reader.has("catches"))
     throw input_error(reader.where() +
                       ".catches: a catch trial turns the field off, and this block has none; set "
                       "field to true, or remove catches");
   reader.finish();
   return block;
+}
+
+/// Throws Error(input) naming the target that nobody can reach for, or that has no side in the plane.
+void check_targets(const JsonReader& reader, const ReachTask& task) {
+  const auto [right, up] = plane_axes(task.plane);
+  const Vec3 normal = right.cross(up);
+  const double radii = task.start_radius + task.target_radius;
+  for (std::size_t i = 0; i < task.targets.size(); ++i) {
+    const Vec3 way = task.targets[i] - task.start;
+    const auto wrong = [&](const std::string& why) {
+      return input_error(fmt::format("{}.targets[{}]: {}", reader.where(), i, why));
+    };
+    if (!(way.norm() > radii))
+      throw wrong(
+          fmt::format("is {:.1f} mm from the start, within start_radius and target_radius, which are {:.1f} mm "
+                      "together; move it, or make the radii smaller",
+                      1e3 * way.norm(), 1e3 * radii));
+    constexpr double kSteepest = 0.5;
+    if (std::abs(way.dot(normal)) > kSteepest * way.norm())
+      throw wrong(fmt::format(
+          "leads out of the plane {} by more than 30 degrees, so that the reach has no left and right there; choose "
+          "another plane",
+          task.plane));
+  }
 }
 
 void read_start_hold(JsonReader& reader, ReachTask& task) {
@@ -111,6 +139,9 @@ void read_start_hold(JsonReader& reader, ReachTask& task) {
   JsonReader bounds = reader.object("start_hold").value();
   task.least_start_hold = bounds.require("least").number("least", 0, 0.1, kLongestHold);
   task.most_start_hold = bounds.require("most").number("most", 0, 0.1, kLongestHold);
+  if (task.least_start_hold > task.most_start_hold)
+    throw input_error(fmt::format("{}: least is {:g} s, but most is {:g} s; least must not be above most",
+                                  bounds.where(), task.least_start_hold, task.most_start_hold));
   bounds.finish();
 }
 
@@ -134,6 +165,7 @@ ReachTask read_reach_task(JsonReader reader, int repetitions) {
   task.targets = read_targets(reader, task);
   task.start_radius = reader.number("start_radius", task.start_radius, 1e-3, 0.1);
   task.target_radius = reader.number("target_radius", task.target_radius, 1e-3, 0.1);
+  check_targets(reader, task);
   read_start_hold(reader, task);
   task.target_hold = reader.number("target_hold", task.target_hold, 0, 10);
   task.pull = reader.boolean("pull", task.pull);

@@ -23,6 +23,8 @@ struct ReachBlock {
 
 /// Reaching from a start to one of several targets and holding there. Places are in the coordinates of the exercise.
 struct ReachTask {
+  static constexpr double kTimeLimit = 3;  ///< of a reach whose exercise states none [s]
+
   Vec3 start = Vec3::Zero();      ///< [m]
   std::vector<Vec3> targets;      ///< [m], at least one
   std::string plane = "xy";       ///< of the lateral deviation and of the field

@@ -41,7 +41,6 @@ constexpr double kGuidedTimes = 5;                // time limit of a repetition,
 constexpr double kGuidedGrace = 10;               // ... plus this [s]
 constexpr const char* kForceDose = "force_dose";  // end of a sitting, and of the repetition in which it happened
 constexpr double kLeastAssistance = 0.01;         // below this there is no assistance
-constexpr double kReachLimit = 3;                 // time limit of a reach that states none [s]
 constexpr double kUsualReach = 0.6;               // duration of a straight reach, for plans and simulated hands [s]
 
 std::string now_text() {
@@ -110,7 +109,7 @@ double length_of(const Path& path) {
 }
 
 double time_limit_of(const Exercise& exercise, double path_duration) {
-  if (exercise.reach) return exercise.time_limit > 0 ? exercise.time_limit : kReachLimit;
+  if (exercise.reach) return exercise.time_limit > 0 ? exercise.time_limit : ReachTask::kTimeLimit;
   return exercise.time_limit > 0 ? exercise.time_limit : kGuidedTimes * path_duration + kGuidedGrace;
 }
 
@@ -782,6 +781,23 @@ nlohmann::json with_seed(nlohmann::json programme, const std::string& where) {
   return programme;
 }
 
+namespace {
+
+/// Throws Error(input) if a target came too near to the start when it was placed and scaled: the radii stay.
+void check_places(const Exercise& exercise, const Path& places, const std::string& where) {
+  const double radii = exercise.reach->start_radius + exercise.reach->target_radius;
+  for (std::size_t i = 0; i < exercise.reach->targets.size(); ++i)
+    if (const double distance =
+            (places.position.at(place_of_target(static_cast<int>(i))) - places.position.front()).norm();
+        !(distance > radii))
+      throw input_error(
+          fmt::format("{}: target {} of '{}' is {:.1f} mm from the start as it is scaled, within start_radius and "
+                      "target_radius, which are {:.1f} mm together; scale it less, or make the radii smaller",
+                      where, i + 1, exercise.name, 1e3 * distance, 1e3 * radii));
+}
+
+}  // namespace
+
 ProgrammePlan plan_programme(const Programme& programme, const std::string& folder, const std::string& where,
                              const DeviceInfo* device, bool fit) {
   check_figures(programme, where);
@@ -800,6 +816,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     if (exercise.path.empty() || first == plan.parts.end())
       for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
     if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
+    if (exercise.reach) check_places(exercise, path, where);
     if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
       throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
                                     exercise.name, to_string(exercise.mode)));

@@ -79,7 +79,7 @@ void ReachController::end_run(Command& command, bool reached, const Vec3& positi
     command.event =
         Event{.code = EventCode::time_over,
               .values = {std::clamp((position - geometry_.start).dot(geometry_.along()), 0.0, geometry_.distance()),
-                         geometry_.distance(), kNaN}};
+                         geometry_.distance(), phases_.phase() == Phase::approach ? waited_ : kNaN}};
   held_ = 0;
   phases_.begin_hold();
 }
@@ -97,7 +97,7 @@ void ReachController::advance_start(const State& state, Command& command) noexce
   held_ = inside && arrived_ && pull_.value() == 0 ? held_ + dt : 0;
   if (arrived_ && course_.pull && away_ >= kAway) begin_approach(state.position);
   if (waited_ >= kLongestStart) {
-    end_run(command, false, state.position);
+    end_run(command, false, geometry_.start);  // the reach did not begin
   } else if (held_ >= course_.start_hold && arrived_) {
     held_ = 0;
     phases_.end_approach();
@@ -153,13 +153,13 @@ void ReachController::watch_forces(const State& state, Command& command) noexcep
   if (forces_.broken() && !std::exchange(told_broken_, true)) {
     const Vec3 off = geometry_.across(state.position - geometry_.start);
     command.event =
-        Event{.code = EventCode::deviation_over, .values = {norm_of(off), forces_.options().clamp->break_out, kNaN}};
+        Event{.code = EventCode::deviation_over, .values = {norm_of(off), forces_.options().clamp->break_out, 1}};
     return;
   }
   const double share = forces_.options().clamp ? 1 : forces_.tank().share();
   empty_ = share < kTankIsLow ? empty_ + state.dt : 0;
   if (empty_ >= kEmptyLasts && !std::exchange(told_empty_, true))
-    command.event = Event{.code = EventCode::tank_empty, .values = {empty_, share, kNaN}};
+    command.event = Event{.code = EventCode::tank_empty, .values = {empty_, share, 1}};
 }
 
 Command ReachController::update(const State& state) noexcept {
@@ -169,7 +169,8 @@ Command ReachController::update(const State& state) noexcept {
   const Vec3& goal = phase == Phase::approach ? geometry_.start : geometry_.target;
   command.reference = {.position = goal, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
   const bool pulled = add_pull(state, command);
-  const bool acts = !paused_ && (phase == Phase::run || (phase == Phase::approach && arrived_ && !leads_));
+  const bool holds = phase == Phase::approach && arrived_ && !leads_;
+  const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));
   if (acts) command.patience = kPatience;
   command.wrench.force += forces_.update(state, acts, requests_.share(), !pulled);
   if (phase == Phase::run && !paused_) watch_forces(state, command);

@@ -33,8 +33,9 @@ struct ReachCourse {
 /// run: begins with the cue to go. It ends when the hand has stayed in the target for its hold, or at the time limit.
 /// hold: the pause at the end, without force.
 ///
-/// The force of the reach (ReachForces) comes on in the start and is complete before the cue if the hold is as long as
-/// its rise. A pause takes all forces away; after it the reach starts again with the approach. So it does after a gap.
+/// A clamp comes on in the start and is complete before the cue if the hold is as long as its rise. A field comes on
+/// with the cue: on a light hand that rests, a late estimate of the velocity would let it grow by itself. A pause takes
+/// all forces away; after it the reach starts again with the approach. So it does after a gap.
 /// If the hand is not in the start after kLongestStart, the reach ends as one whose time is over.
 ///
 /// Real-time: all but the constructor.

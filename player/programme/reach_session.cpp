@@ -26,6 +26,15 @@ double largest_force(const DeviceInfo& device, const SessionOptions& session) {
   return force;
 }
 
+/// Returns the largest damping that is stable on a device whose mass m a force reaches after the time t [N s/m]: b v(t)
+/// on a free mass oscillates without end at b = pi m / (2 t), so this is a third of it. A device that is not calibrated
+/// counts as light.
+double largest_stable_damping(const std::optional<IdentifiedDevice>& identified, double rate_hz, double delay) {
+  constexpr double kLightest = 0.06, kEstimate = 2e-3;  // mass [kg], delay of the velocity's estimate [s]
+  const double mass = identified ? identified->plant.mass.minCoeff() : kLightest;
+  return 0.5 * mass / (delay + 0.5 / rate_hz + kEstimate);
+}
+
 void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
   const double stable = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.forces.delay);
   ClampOptions clamp{.stiffness = options.clamp_stiffness.value_or(stable),
@@ -36,6 +45,13 @@ void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan
     plan.warnings.push_back(fmt::format("{} is not stable with a clamp of {:.0f} N/m; it is limited to {:.0f} N/m",
                                         device.model, clamp.stiffness, stable));
     clamp.stiffness = stable;
+  }
+  if (const double most = largest_stable_damping(options.identified, options.session.loop.rate_hz, plan.forces.delay);
+      clamp.damping > most) {
+    plan.warnings.push_back(fmt::format(
+        "{} is not stable with a clamp whose damping is {:.3g} N s/m; it is limited to {:.2g} N s/m{}", device.model,
+        clamp.damping, most, options.identified ? "" : "; calibrate the device to allow more"));
+    clamp.damping = most;
   }
   const auto share = [&](double arm) { return 100 * clamp.stiffness / (clamp.stiffness + arm); };
   plan.notes.push_back(

@@ -157,6 +157,15 @@ TEST(ReachForces, LimitsTheForceAndKeepsItsDirection) {
   EXPECT_NEAR(force.x(), -force.y(), 1e-9);
 }
 
+TEST(ReachForces, LimitsSpringAndDampingOfAClampTogether) {
+  ReachForces::Options options = clamp_of(800);
+  options.clamp->damping = 50;
+  options.max_force = 2;
+  ReachForces forces(kAhead, options);
+  EXPECT_NEAR(held(forces, Vec3(0.03, 0.002, 0), Vec3(0.1, 0.3, 0), 1).y(), -2, 1e-9) << "1.6 and 15 N";
+  EXPECT_NEAR(held(forces, Vec3(0.03, 0.002, 0), Vec3(0.1, -0.02, 0), kReachTick).y(), -0.6, 1e-9);
+}
+
 TEST(ReachForces, NamesTheValueThatIsOutOfItsRange) {
   EXPECT_THAT(error_of([] { ReachForces(kAhead, clamp_of(-1)); }), HasSubstr("the stiffness of the clamp is -1 N/m"));
   EXPECT_THAT(error_of([] { ReachForces({.target = Vec3::Zero()}, curl_of(1)); }),

@@ -29,7 +29,8 @@ ReachTrial in_curl_field(ReachKind kind) {
           .field_block = true};
 }
 
-ReachFigures figures_of_reach(const SyntheticReach& reach, ReachKind kind = ReachKind::plain) {
+ReachFigures figures_of_reach(const SyntheticReach& reach, ReachKind kind = ReachKind::plain,
+                              const std::string& spoiled = "") {
   std::vector<double> time;
   std::vector<Vec3> position, force;
   for (double t = 0; t < 1.5; t += 1 / reach.rate_hz) {
@@ -39,7 +40,8 @@ ReachFigures figures_of_reach(const SyntheticReach& reach, ReachKind kind = Reac
     const bool moves = t > reach.reaction && t < reach.reaction + reach.time;
     force.emplace_back(0, moves ? -13 * reach.adaptation * 0.1 * blend.ds / reach.time : 0, 0);
   }
-  const auto figures = reach_figures({.time = time, .position = position, .force = force}, in_curl_field(kind));
+  const auto figures =
+      reach_figures({.time = time, .position = position, .force = force}, in_curl_field(kind), spoiled);
   EXPECT_TRUE(figures);
   return figures.value_or(ReachFigures{});
 }
@@ -87,6 +89,20 @@ TEST(ReachMetrics, RefuseTheIndexOfAClampWithMoreThanThreeMillimetresOfPlay) {
   EXPECT_FALSE(loose.adaptation_index);
   EXPECT_THAT(loose.refused, HasSubstr("its lateral play was 3.5 mm, and at most 3 mm are allowed"));
   EXPECT_TRUE(figures_of_reach({.bend = 0.0025, .adaptation = 1}, ReachKind::clamp).adaptation_index);
+}
+
+TEST(ReachMetrics, RefuseTheIndexOfAClampThatDidNotActAsPlanned) {
+  const ReachFigures broken =
+      figures_of_reach({.adaptation = 1}, ReachKind::clamp, "the hand broke out of the channel");
+  EXPECT_FALSE(broken.adaptation_index || broken.adaptation_r);
+  EXPECT_EQ(broken.refused, "the clamp has no adaptation index: the hand broke out of the channel");
+}
+
+TEST(ReachMetrics, StateTheShareOfTheFieldThatActed) {
+  for (const double share : {0.0, 0.3, 1.0})
+    EXPECT_NEAR(figures_of_reach({.adaptation = share}).field_share.value_or(-1), share, 0.01 * share + 1e-9);
+  EXPECT_FALSE(figures_of_reach({.adaptation = 1}, ReachKind::clamp).field_share);
+  EXPECT_FALSE(figures_of_reach({.adaptation = 1}, ReachKind::catch_trial).field_share);
 }
 
 TEST(ReachMetrics, HardlyDependOnTheSampling) {

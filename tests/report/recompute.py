@@ -200,6 +200,9 @@ def add_reach(out, t, x, force, reach):  # the trial begins with the cue
     out["completion"] = np.clip(((x - start) @ ahead).max() / distance, 0, 1)
     out["path_ratio"] = norms(np.diff(p[first:last + 1], axis=0)).sum() / distance
     out["end_error_m"] = np.sqrt(((p[last] - target) ** 2).sum())
+    if reach["field_block"] and reach["kind"] == "plain":
+        ideal = v[first:last + 1] @ np.array(reach["field_n_s_per_m"]).T
+        out["field_share"] = (low_passed(t, force)[0][first:last + 1] * ideal).sum() / (ideal ** 2).sum()
     name = {"plain": "lateral_deviation_m", "catch": "after_effect_m"}.get(reach["kind"])
     if name:
         out[name] = (p[np.argmax(speed)] - start) @ left

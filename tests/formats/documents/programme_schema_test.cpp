@@ -19,6 +19,19 @@ bool is_read(const json& programme) {
   }
 }
 
+/// Returns whether the reader refuses a relation of values, which a schema cannot state.
+bool relates_values(const json& programme) {
+  try {
+    (void)programme_from_json(programme, "p");
+  } catch (const Error& error) {
+    const std::string why = error.what();
+    for (const char* words : {"from the start, within start_radius", "leads out of the plane", "must not be above most",
+                              "no reach can end within time_limit", "is none; raise the share"})
+      if (why.find(words) != std::string::npos) return true;
+  }
+  return false;
+}
+
 /// Returns for each programme whether it is valid by the schema.
 std::vector<bool> by_schema(const std::vector<json>& programmes) {
   const TempFolder folder;
@@ -93,7 +106,7 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
   EXPECT_TRUE(is_read(placed));
   change_everything(placed, placed, json::json_pointer(), programmes);
   const json reaches = json::parse(R"({"haptrace_programme": 1, "exercises": [
-      {"mode": "reach", "repetitions": 3, "mirror": "x", "reach": {"targets": [[0, 0.1, 0], [0.1, 0, 0]], "plane": "yz",
+      {"mode": "reach", "repetitions": 3, "mirror": "x", "reach": {"targets": [[0, 0.1, 0], [0, 0, 0.1]], "plane": "yz",
        "start_hold": 0.7, "start_radius": 0.005, "energy": 1, "field": {"matrix": [[0, 1], [2, 3]]},
        "clamp": {"damping": 5, "break_out": 0.02}}},
       {"mode": "reach", "reach": {"targets": {"kind": "centre-out", "first_angle_deg": 10},
@@ -104,7 +117,7 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
   const std::vector<bool> valid = by_schema(programmes);
   ASSERT_EQ(valid.size(), programmes.size());
   for (std::size_t i = 0; i < valid.size(); ++i)
-    EXPECT_EQ(is_read(programmes[i]), valid[i])
+    EXPECT_TRUE(is_read(programmes[i]) == valid[i] || (valid[i] && relates_values(programmes[i])))
         << (valid[i] ? "only the schema takes " : "only the reader takes ") << programmes[i].dump();
 }
 

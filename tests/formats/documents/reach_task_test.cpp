@@ -69,6 +69,18 @@ TEST(ReachTask, NamesTheKeyThatIsWrong) {
   EXPECT_THAT(error(std::string(kOneTarget) + R"(, "blocks": [{"reaches": 5}])", R"("repetitions": 5,)"),
               HasSubstr("exercises[0].repetitions: the blocks state the number of reaches"));
   EXPECT_THAT(error(kOneTarget, R"("path": "a.h5",)"), HasSubstr("mode reach has targets and no path"));
+  EXPECT_THAT(error(R"("targets": [[0.08, 0, 0], [0.013, 0, 0]])"),
+              HasSubstr("reach.targets[1]: is 13.0 mm from the start, within start_radius and target_radius"));
+  EXPECT_THAT(error(R"("targets": [[0, 0.01, 0.08]])"), HasSubstr("reach.targets[0]: leads out of the plane xy"));
+  EXPECT_NO_THROW((void)reaching_programme(R"("targets": [[0, 0.01, 0.08]], "plane": "yz")", ""));
+  EXPECT_THAT(error(std::string(kOneTarget) + R"(, "start_hold": {"least": 1, "most": 0.5})"),
+              HasSubstr("start_hold: least is 1 s, but most is 0.5 s"));
+  EXPECT_THAT(error(std::string(kOneTarget) + R"(, "target_hold": 3)"),
+              HasSubstr("no reach can end within time_limit (3 s) with a target_hold of 3 s"));
+  EXPECT_NO_THROW(
+      (void)reaching_programme(std::string(kOneTarget) + R"(, "target_hold": 3)", R"("time_limit": 5,)"));
+  EXPECT_THAT(error(std::string(kOneTarget) + R"(, "blocks": [{"reaches": 4, "clamps": 0.1}])"),
+              HasSubstr("blocks[0].clamps: 0.1 of 4 reaches is none; raise the share"));
   EXPECT_THAT(error(kOneTarget, R"("radius": 0.01,)"), HasSubstr("exercises[0].radius: does not apply in mode reach"));
   EXPECT_THAT(error_of([] {
                 (void)programme_from_json(

@@ -4,6 +4,7 @@
 #include "base/json_reader.h"
 #include "control/velocity_estimator.h"
 #include "formats/path/path_file.h"
+#include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/guidance/live_guidance.h"
 #include "player/programme/programme_session.h"
@@ -14,6 +15,7 @@
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
+#include <filesystem>
 #include <fmt/format.h>
 #include <functional>
 #include <gmock/gmock.h>
@@ -122,6 +124,7 @@ struct ReachRig {
   std::optional<ReachController> controller;
   Command last;
   std::vector<EventCode> events;
+  std::vector<std::string> words;
 
   void begin(const Vec3& at) {
     controller.emplace(trial.geometry, forces_of(trial), course,
@@ -133,7 +136,9 @@ struct ReachRig {
   Phase hold(const Vec3& at, double seconds, const Vec3& velocity = Vec3::Zero()) {
     for (int i = 0; i < std::lround(seconds / kReachStep); ++i) {
       last = controller->update({.dt = kReachStep, .position = at, .velocity = velocity});
-      if (last.event) events.push_back(last.event->code);
+      if (!last.event) continue;
+      events.push_back(last.event->code);
+      words.push_back(describe(*last.event));
     }
     return last.phase;
   }
@@ -172,6 +177,17 @@ TEST(ReachController, WaitsForAHandThatDoesNotComeNoLongerThanAMinute) {
   (void)rig.hold(kBetween, 2);
   EXPECT_EQ(rig.last.status, Command::Status::finished);
   EXPECT_THAT(rig.events, testing::ElementsAre(EventCode::time_over));
+  EXPECT_EQ(rig.words.back(), "the hand did not hold still in the start within 60 s");
+}
+
+TEST(ReachController, SendsNoFieldBeforeTheCueAndTheWholeFieldBeforeAHandCanReact) {
+  ReachRig rig;
+  rig.begin(Vec3::Zero());
+  const Vec3 shaken(0.2, 0, 0);
+  EXPECT_EQ(rig.hold(Vec3::Zero(), 0.49, shaken), Phase::approach);
+  EXPECT_EQ(rig.last.wrench.force.norm(), 0) << "a hand that is shaken in the start";
+  EXPECT_EQ(rig.hold(Vec3::Zero(), 0.12, shaken), Phase::run);
+  EXPECT_NEAR(rig.last.wrench.force.norm(), 13 * 0.2, 1e-6);
 }
 
 TEST(ReachController, PullsTheHandBackSoftlyAndLetsGoBeforeTheCue) {
@@ -234,6 +250,7 @@ TEST(ReachController, ReportsAChannelThatTheHandBroke) {
   (void)rig.hold(Vec3(0.04, 0.04, 0), 0.3, Vec3(0.1, 0, 0));
   EXPECT_EQ(rig.last.wrench.force.norm(), 0);
   EXPECT_THAT(rig.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over));
+  EXPECT_THAT(rig.words.back(), HasSubstr("the clamp went off: the hand was 40.0 mm from its line, the limit is 30.0"));
 }
 
 TEST(ReachController, RefusesATargetWithinTheStart) {
@@ -375,6 +392,37 @@ TEST_F(ReachSession, MeasuresClampsOrSaysWhyItCannot) {
   EXPECT_FALSE(figure_in(soft.figures, "adaptation_index"));
   EXPECT_THAT(fmt::format("{}", fmt::join(soft.notices, "; ")),
               HasSubstr("the clamp has no adaptation index: its lateral play was"));
+}
+
+TEST_F(ReachSession, LimitsTheDampingOfAClampToWhatIsStable) {
+  (void)run(targets_ + R"(, "field": {"curl": 13}, "clamp": {"damping": 300}, "start_hold": 0.6,
+      "blocks": [{"name": "field", "reaches": 8, "field": true, "clamps": 0.125}])",
+            R"("time_limit": 3)");
+  std::string notices;
+  for (const LoggedTrial& trial : load_session_log(options_.folder).trials)
+    notices += fmt::format("{}; ", fmt::join(trial.notices, "; "));
+  EXPECT_THAT(notices, HasSubstr("is not stable with a clamp whose damping is 300 N s/m; it is limited to 4 N s/m; "
+                                 "calibrate the device to allow more"));
+  EXPECT_LT(device_->largest_force(), 10);
+}
+
+TEST_F(ReachSession, LeavesReachesInAWeakFieldOutOfTheMeansOfTheirBlock) {
+  options_.session.loop.limits.max_force = 1;  // of 2.6 N that the field has at 0.2 m/s
+  const std::string block = targets_ + R"(, "field": {"curl": 13}, "blocks": [{"reaches": 3, "field": true}])";
+  const SessionLog log = run(block, R"("time_limit": 3)").log;
+  const Programme programme = programme_from_json(log.programme, "p.json");
+  const std::vector<ReachBlockSummary> blocks = summarise_blocks(programme, 0, log);
+  ASSERT_EQ(blocks.size(), 1U);
+  EXPECT_EQ(blocks[0].plain, 3U);
+  EXPECT_EQ(blocks[0].weakened, 3U);
+  EXPECT_FALSE(blocks[0].lateral_deviation);
+  EXPECT_THAT(describe(blocks[0]), HasSubstr("3 of 3 reaches left out, in which less than 90 % of the field acted"));
+}
+
+TEST_F(ReachSession, RefusesATargetThatIsScaledIntoTheStartBeforeAnythingMoves) {
+  EXPECT_THAT(error_of([&] { (void)run(R"("targets": [[0.08, 0, 0], [0.04, 0, 0]])", R"("scale": 0.3)"); }),
+              HasSubstr("target 2 of 'out' is 12.0 mm from the start as it is scaled"));
+  EXPECT_FALSE(std::filesystem::exists(options_.folder));
 }
 
 TEST_F(ReachSession, ResumesAtTheReachThatAStopInterruptedWithTheSameTargets) {
