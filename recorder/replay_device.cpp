@@ -33,7 +33,7 @@ class RecordedRows {
     info_.natural_duration = summary.duration();
     set_workspace(info_, summary.bounds);
     const RecordingHeader header = reader_.header();
-    info_.model = header.device_model;
+    info_.model = header.device_model.empty() ? "a device without a name" : header.device_model;
     info_.serial = header.device_serial;
     info_.position_resolution = header.position_resolution_m;
     info_.max_force = header.max_force_n;
