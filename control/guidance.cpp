@@ -78,7 +78,10 @@ Vec3 ExpertForce::force(const GuideInput& input) noexcept {
   const PathProjection::Foot& foot = input.foot;
   returns_ |= input.gate <= 0;
   if (returns_) {
-    const double pace = foot.speed > foot.expert_speed ? std::min(foot.speed / foot.expert_speed, kFastest) : 1;
+    // An expert who rests has no speed to divide by.
+    const double pace = foot.speed > kFastest * foot.expert_speed ? kFastest
+                        : foot.speed > foot.expert_speed          ? foot.speed / foot.expert_speed
+                                                                  : 1;
     share_ += pace * input.state.dt / kReturn;
   }
   if (!returns_ || share_ >= input.gate) {

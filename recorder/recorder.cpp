@@ -36,7 +36,7 @@ constexpr std::size_t kLargestBatch = 1024;  // rows
 // seconds.
 constexpr auto kPoll = std::chrono::milliseconds(25), kPollInVirtualTime = std::chrono::milliseconds(5);
 // A session in virtual time makes more rows in a flush period than people expect to lose.
-constexpr std::uint64_t kMostUnflushed = 4096;  // rows
+constexpr std::uint64_t kMostUnflushed = 4096;                            // rows
 constexpr std::size_t kContactsPerTick = 2, kMostContactsOfATick = 1024;  // that the ring has room for
 constexpr double kRestPerFlush = 4;
 constexpr auto kRetry = std::chrono::milliseconds(50);  // time between two attempts on a disk that refuses

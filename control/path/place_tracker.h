@@ -39,8 +39,8 @@ class PlaceTracker {
   /// Moves the foot point for a tool at `position` [m], `dt` [s] after the last update (0 at the first). A position
   /// that is not finite changes nothing.
   const Foot& update(const Vec3& position, double dt) noexcept;
-  /// Leaves the foot point where it is, and the tunnel there, wherever the tool is. The expert rests: nobody is too slow
-  /// who holds still at the end of a path.
+  /// Leaves the foot point where it is, and the tunnel there, wherever the tool is. The expert rests: nobody is too
+  /// slow who holds still at the end of a path.
   const Foot& hold(const Vec3& position, double dt) noexcept;
   /// Puts the foot point at arc length `s`, wherever the tool is. Used for a cursor that moves by itself.
   const Foot& move_to(double s, const Vec3& position, double dt) noexcept;

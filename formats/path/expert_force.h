@@ -45,8 +45,8 @@ struct ForceSurvey {
   double work = 0;                           ///< of the measured force on the hand in those rows [J]
   double effort = 0;  ///< the same, with the magnitude of the force and every step counted as positive [J]
   double noise = 0;   ///< of the measured force within the pass band, rms of the magnitude [N]
-  /// Magnitude of the inertia and friction of the expert's device, 99th percentile [N]. Its weight is not among them: it
-  /// is constant, and known better.
+  /// Magnitude of the inertia and friction of the expert's device, 99th percentile [N]. Its weight is not among them:
+  /// it is constant, and known better.
   double drag = 0;
   /// Magnitude of the rest, without what dry friction can hold along axes at rest, 99th percentile [N].
   double task = 0;

@@ -70,7 +70,8 @@ struct PathSelection {
   double from = -std::numeric_limits<double>::infinity();  ///< rows with stamps from here [s] ...
   double to = std::numeric_limits<double>::infinity();     ///< ... to here
   bool measured = false;          ///< read the measured force of a recording in place of the sent one
-  std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last one that was not cut short, or the last
+  std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last one that was not
+                                  ///< cut short, or the last
 };
 
 /// Receives the number of rows done while a file without stored statistics is read.

@@ -174,12 +174,12 @@ class StickySurfaces : public testing::TestWithParam<RaisedCase> {};
 TEST_P(StickySurfaces, HoldAToolThatLeavesAsFarAsTheirAdhesionReachesAndNoOther) {
   for (const double radius : {0.0, 2e-3}) {
     if (radius > 0 && !GetParam().takes_ball) continue;
-    const auto scene = read_scene(
-        parse_json(fmt::format(R"({{"tool": {{"radius": {}}}, "objects": [{{{}, "stiffness": 500,
+    const auto scene =
+        read_scene(parse_json(fmt::format(R"({{"tool": {{"radius": {}}}, "objects": [{{{}, "stiffness": 500,
                                    "adhesion": {{"force": 1, "stiffness": 500}}}}]}})",
-                               radius, GetParam().shape),
-                   "test"),
-        "test");
+                                          radius, GetParam().shape),
+                              "test"),
+                   "test");
     scene->prepare({});
     double z = 5e-3;
     const auto force_at = [&](double end) {

@@ -77,8 +77,7 @@ TEST(ReachTask, NamesTheKeyThatIsWrong) {
               HasSubstr("start_hold: least is 1 s, but most is 0.5 s"));
   EXPECT_THAT(error(std::string(kOneTarget) + R"(, "target_hold": 3)"),
               HasSubstr("no reach can end within time_limit (3 s) with a target_hold of 3 s"));
-  EXPECT_NO_THROW(
-      (void)reaching_programme(std::string(kOneTarget) + R"(, "target_hold": 3)", R"("time_limit": 5,)"));
+  EXPECT_NO_THROW((void)reaching_programme(std::string(kOneTarget) + R"(, "target_hold": 3)", R"("time_limit": 5,)"));
   EXPECT_THAT(error(std::string(kOneTarget) + R"(, "blocks": [{"reaches": 4, "clamps": 0.1}])"),
               HasSubstr("blocks[0].clamps: 0.1 of 4 reaches is none; raise the share"));
   EXPECT_THAT(error(kOneTarget, R"("radius": 0.01,)"), HasSubstr("exercises[0].radius: does not apply in mode reach"));

@@ -55,7 +55,8 @@ TEST(AveragedExpert, BecomesARecordingWithItsSpreadItsForceAndItsPauses) {
   // The radius varies by 2 mm rms, and six evenly spread phases cancel in the mean.
   EXPECT_NEAR(expert.average.overall_spread, 2e-3 * std::sqrt(6.0 / 5), 0.1e-3);
   EXPECT_NEAR(expert.average.directions, 1, 0.01) << "all copies are in one plane";
-  EXPECT_NEAR(expert.typical_radius, prediction_factor(6, expert.average.directions) * expert.average.overall_spread, 1e-9);
+  EXPECT_NEAR(expert.typical_radius, prediction_factor(6, expert.average.directions) * expert.average.overall_spread,
+              1e-9);
   save_average(expert, file, "circle", false, "");
   for (const Finding& finding : check_recording(file)) ADD_FAILURE() << finding.where << ": " << finding.what;
   const Path path = load_path(file);
