@@ -18,6 +18,7 @@ constexpr double kPullShare = 0.5;                // of the cautious gains: the 
 constexpr double kSlowestRise = 1.5;              // of a clamp [s]
 constexpr double kStrongestShare = 0.8;           // of the device's peak force
 constexpr double kUsualForce = 5;                 // of a device whose peak force is unknown [N]
+constexpr double kWorkless = 0.1;                 // share of the energy for a field that does no work
 constexpr double kLeastArm = 50, kMostArm = 400;  // stiffness of an arm [N/m]
 
 double largest_force(const DeviceInfo& device, const SessionOptions& session) {
@@ -96,6 +97,9 @@ ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
   if (clamp) plan_clamp(device, options, plan);
   if (!field) return plan;
   plan.forces.field = trial.field;
+  // A curl does no work but for the delay, some millijoules in the grip of an arm; what it gives to a light grip is a
+  // kick.
+  if ((trial.field + trial.field.transpose()).isZero(1e-9)) plan.forces.energy *= kWorkless;
   const double gain = Eigen::JacobiSVD<Eigen::Matrix3d>(trial.field).singularValues()[0];
   plan.notes.push_back(
       fmt::format("the force field of {:.3g} N s/m is limited to {:.2g} N, which it reaches at {:.2g} m/s", gain,

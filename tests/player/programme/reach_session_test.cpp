@@ -406,6 +406,15 @@ TEST_F(ReachSession, LimitsTheDampingOfAClampToWhatIsStable) {
   EXPECT_LT(device_->largest_force(), 10);
 }
 
+TEST(ReachPlan, GivesACurlATenthOfTheEnergyBecauseItDoesNoWork) {
+  ReachOptions options{.trial = reach_ahead(ReachKind::plain)};
+  const DeviceInfo info = test::PointMass().info();
+  options.trial.field = curl_field(13, Vec3::UnitZ());
+  EXPECT_NEAR(plan_reach(info, options).forces.energy, 0.1 * options.energy, 1e-12);
+  options.trial.field(0, 0) = 1;
+  EXPECT_EQ(plan_reach(info, options).forces.energy, options.energy);
+}
+
 TEST_F(ReachSession, LeavesReachesInAWeakFieldOutOfTheMeansOfTheirBlock) {
   options_.session.loop.limits.max_force = 1;  // of 2.6 N that the field has at 0.2 m/s
   const std::string block = targets_ + R"(, "field": {"curl": 13}, "blocks": [{"reaches": 3, "field": true}])";
