@@ -94,7 +94,7 @@ GuideOptions options_of(const Arguments& arguments) {
   return options;
 }
 
-/// Refuses options that have no effect beside the others: whoever gives one expects it to do something.
+/// Throws Error(input) for an option of the command line that has no effect in this mode or without another option.
 void refuse_useless_options(const CLI::App& verb, const Arguments& arguments) {
   constexpr const char* kForces = "--mode tunnel or --mode cursor";
   const bool cursor = arguments.mode == "cursor", forces = arguments.mode != "free", pace = arguments.pace.has_value(),

@@ -367,8 +367,10 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       }
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
-  if (reach && reach->kind == ReachKind::clamp)
-    for (RecordedTrial& trial : trials) trial.spoiled = spoiled_by(reader.events(), trial);
+  if (reach && reach->kind == ReachKind::clamp) {
+    const std::vector<StoredEvent> events = reader.events();
+    for (RecordedTrial& trial : trials) trial.spoiled = spoiled_by(events, trial);
+  }
   for (RecordedTrial& trial : trials)
     for (std::vector<Vec3>* column : {&trial.force, &trial.measured, &trial.reference, &trial.expert})
       drop_unknown(*column);

@@ -284,11 +284,12 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   const double bears = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.delay);
   plan.stiffness = options.stiffness.value_or(std::min(bears, 1000.0));
   plan.largest_stiffness = options.expert ? 1e6 : bears;
-  if (plan.stiffness > bears && !options.expert && !options.free) {
-    plan.notes.push_back(
-        fmt::format("the device is not stable with walls of {:.0f} N/m at {:.0f} Hz; the stiffness of the walls is "
-                    "limited to {:.0f} N/m",
-                    plan.stiffness, options.session.loop.rate_hz, bears));
+  if (plan.stiffness > bears && !options.expert) {
+    if (!options.free)
+      plan.notes.push_back(
+          fmt::format("the device is not stable with walls of {:.0f} N/m at {:.0f} Hz; the stiffness of the walls is "
+                      "limited to {:.0f} N/m",
+                      plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
   if (options.initiate && !options.free) plan.initiate = back_wall(device, *options.initiate, options, plan);
