@@ -3,6 +3,7 @@
 #include "base/enum_names.h"
 
 #include <cmath>
+#include <fmt/format.h>
 #include <numbers>
 
 namespace haptrace {
@@ -24,6 +25,13 @@ Vec3 lateral_axis(const Vec3& start, const Vec3& target, const Vec3& normal, con
   constexpr double kParallel = 1e-6;
   const Vec3 left = normal.cross((target - start).normalized());
   return left.norm() > kParallel ? left.normalized() : otherwise;
+}
+
+std::string too_near(double distance, double start_radius, double target_radius) {
+  const double radii = start_radius + target_radius;
+  if (distance > radii) return "";
+  return fmt::format("is {:.1f} mm from the start, within start_radius and target_radius, which are {:.1f} mm together",
+                     1e3 * distance, 1e3 * radii);
 }
 
 std::vector<Vec3> centre_out_targets(const Vec3& start, double distance, int count, double first_angle,

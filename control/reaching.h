@@ -4,6 +4,7 @@
 #include "base/types.h"
 
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -48,6 +49,10 @@ struct ReachTrial {
 /// Returns the unit vector to the left of a reach from `start` to `target`, as seen from the side to which `normal`
 /// points. `otherwise` is used for a reach along the normal.
 Vec3 lateral_axis(const Vec3& start, const Vec3& target, const Vec3& normal, const Vec3& otherwise) noexcept;
+
+/// Returns why start and target do not part a reach over `distance` [m] from a hold in the start: "is 9.0 mm from the
+/// start, within ..." for a message about the target; "" if they do.
+std::string too_near(double distance, double start_radius, double target_radius);
 
 /// Returns `count` targets at `distance` [m] around `start`, at equal angles from `first_angle` [rad] on, in the plane
 /// of the unit vectors `right` and `up`, counted from `right` towards `up`.

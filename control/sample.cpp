@@ -239,7 +239,7 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
                          kDegrees * b);
     case EventCode::touched:
-      return fmt::format("object {:.0f} touched: {:.2g} N", a + 1, b);
+      return fmt::format("object {:.0f} touched: {:.2f} N", a + 1, b);
     case EventCode::began_inside:
       return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", a + 1,
                          1e3 * b);

@@ -277,11 +277,11 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
   exercise.pace = reader.number("pace", exercise.pace, kLeastPace, kMostPace);
   exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
-  if (const double limit = exercise.time_limit > 0 ? exercise.time_limit : ReachTask::kTimeLimit;
-      exercise.reach && exercise.reach->target_hold >= limit)
+  if (exercise.reach && !(exercise.time_limit > 0)) exercise.time_limit = ReachTask::kTimeLimit;
+  if (exercise.reach && exercise.reach->target_hold >= exercise.time_limit)
     throw input_error(
         fmt::format("{}: no reach can end within time_limit ({:g} s) with a target_hold of {:g} s; raise the limit",
-                    reader.where(), limit, exercise.reach->target_hold));
+                    reader.where(), exercise.time_limit, exercise.reach->target_hold));
   exercise.states_radius = reader.has("radius");
   exercise.radius = reader.number("radius", exercise.radius, 0, kMostRadius);
   if (reader.has("stiffness")) exercise.stiffness = reader.number("stiffness", 0, kLeastStiffness, kMostStiffness);

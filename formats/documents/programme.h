@@ -107,7 +107,7 @@ struct Exercise {
   double rest_after = 0;  ///< additional pause after the last repetition [s]
   double hold = 0.5;      ///< hold at the end of each repetition [s]
   double pace = 1;        ///< for passive, assisted and cursor, relative to the path's own pace
-  /// Time limit of a repetition [s]; 0: five times the path's duration and 10 s, and 3 s for a reach.
+  /// Time limit of a repetition [s]; 0: five times the path's duration and 10 s. A reach always has one.
   double time_limit = 0;
   double radius = 5e-3;             ///< of the tunnel [m]
   bool states_radius = false;       ///< `radius` was given

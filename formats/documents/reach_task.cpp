@@ -108,17 +108,13 @@ ReachBlock read_block(JsonReader& reader, std::size_t number, bool has_field) {
 void check_targets(const JsonReader& reader, const ReachTask& task) {
   const auto [right, up] = plane_axes(task.plane);
   const Vec3 normal = right.cross(up);
-  const double radii = task.start_radius + task.target_radius;
   for (std::size_t i = 0; i < task.targets.size(); ++i) {
     const Vec3 way = task.targets[i] - task.start;
     const auto wrong = [&](const std::string& why) {
       return input_error(fmt::format("{}.targets[{}]: {}", reader.where(), i, why));
     };
-    if (!(way.norm() > radii))
-      throw wrong(
-          fmt::format("is {:.1f} mm from the start, within start_radius and target_radius, which are {:.1f} mm "
-                      "together; move it, or make the radii smaller",
-                      1e3 * way.norm(), 1e3 * radii));
+    if (const std::string why = too_near(way.norm(), task.start_radius, task.target_radius); !why.empty())
+      throw wrong(why + "; move it, or make the radii smaller");
     constexpr double kSteepest = 0.5;
     if (std::abs(way.dot(normal)) > kSteepest * way.norm())
       throw wrong(fmt::format(

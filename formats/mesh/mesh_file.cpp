@@ -231,9 +231,26 @@ void check_length_of_ply(const std::string& file) {
                   file, promised, needed, size - std::min(size, begin)));
 }
 
+/// Throws Error(input) if a binary STL file is shorter than the triangles it promises. Any other file passes.
+void check_length_of_stl(const std::string& file) {
+  constexpr std::uint64_t kHead = 84, kTriangle = 50;  // [bytes]
+  std::array<char, kHead> head{};
+  std::ifstream stream(file, std::ios::binary);
+  if (file_ending(file) != ".stl" || !stream.read(head.data(), head.size())) return;
+  if (std::string_view(head.data(), head.size()).starts_with("solid")) return;  // text, which assimp judges
+  std::uint32_t promised = 0;
+  std::memcpy(&promised, head.data() + head.size() - sizeof promised, sizeof promised);
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(file, error);
+  if (error || kHead + kTriangle * promised <= size) return;
+  throw input_error(fmt::format("{}: promises {} triangles, but ends after {}; is it complete?", file, promised,
+                                (size - kHead) / kTriangle));
+}
+
 /// Reads a file in a process of its own: assimp ends the process at some broken files.
 TriangleMesh load_other(const std::string& file) {
   check_length_of_ply(file);
+  check_length_of_stl(file);
   constexpr ReaderLimits kLimits{
       .memory = 256U << 20U, .memory_per_byte = 100, .seconds = 2, .bytes_per_second = 2'000'000};
   return unpacked(read_in_process(file, "a mesh", kLimits, [&] { return packed(load_with_assimp(file)); }));
@@ -392,7 +409,7 @@ void compact(TriangleMesh& mesh) {
   mesh.vertices = std::move(kept);
 }
 
-std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
+std::vector<std::string> remarks_on(const MeshReport& report) {
   std::vector<std::string> remarks;
   const auto add = [&](std::size_t number, const std::string& text) {
     if (number > 0) remarks.push_back(text);
@@ -418,7 +435,6 @@ std::vector<std::string> remarks_on(const MeshReport& report, bool closed) {
   add(size > kHuge || size < kTiny ? 1 : 0,
       fmt::format("the mesh is {:.3g} m x {:.3g} m x {:.3g} m large; is its unit right?", report.size.x(),
                   report.size.y(), report.size.z()));
-  (void)closed;
   return remarks;
 }
 
@@ -472,7 +488,7 @@ MeshLoad clean_mesh(TriangleMesh mesh, const std::string& name) {
     }
   }
   load.mesh = std::move(mesh);
-  load.remarks = remarks_on(report, closed);
+  load.remarks = remarks_on(report);
   return load;
 }
 

@@ -109,7 +109,6 @@ double length_of(const Path& path) {
 }
 
 double time_limit_of(const Exercise& exercise, double path_duration) {
-  if (exercise.reach) return exercise.time_limit > 0 ? exercise.time_limit : ReachTask::kTimeLimit;
   return exercise.time_limit > 0 ? exercise.time_limit : kGuidedTimes * path_duration + kGuidedGrace;
 }
 
@@ -590,7 +589,7 @@ class ProgrammeRun {
     ReachOptions options{.trial = *trial.places,
                          .course = {.start_hold = trial.reach->start_hold,
                                     .target_hold = task.target_hold,
-                                    .time_limit = time_limit_of(exercise, 0),
+                                    .time_limit = exercise.time_limit,
                                     .hold = exercise.hold,
                                     .pull = task.pull,
                                     .approach_speed = kApproachSpeed,
@@ -784,16 +783,16 @@ nlohmann::json with_seed(nlohmann::json programme, const std::string& where) {
 namespace {
 
 /// Throws Error(input) if a target came too near to the start when it was placed and scaled: the radii stay.
-void check_places(const Exercise& exercise, const Path& places, const std::string& where) {
-  const double radii = exercise.reach->start_radius + exercise.reach->target_radius;
-  for (std::size_t i = 0; i < exercise.reach->targets.size(); ++i)
-    if (const double distance =
-            (places.position.at(place_of_target(static_cast<int>(i))) - places.position.front()).norm();
-        !(distance > radii))
+void check_scaled_targets(const Exercise& exercise, const Path& places, const std::string& where) {
+  const ReachTask& task = *exercise.reach;
+  for (std::size_t i = 0; i < task.targets.size(); ++i) {
+    const Vec3& target = places.position.at(place_of_target(static_cast<int>(i)));
+    const std::string why = too_near((target - places.position.front()).norm(), task.start_radius, task.target_radius);
+    if (!why.empty())
       throw input_error(
-          fmt::format("{}: target {} of '{}' is {:.1f} mm from the start as it is scaled, within start_radius and "
-                      "target_radius, which are {:.1f} mm together; scale it less, or make the radii smaller",
-                      where, i + 1, exercise.name, 1e3 * distance, 1e3 * radii));
+          fmt::format("{}: target {} of '{}', as it is scaled, {}; scale it less, or make the radii smaller", where,
+                      i + 1, exercise.name, why));
+  }
 }
 
 }  // namespace
@@ -816,7 +815,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     if (exercise.path.empty() || first == plan.parts.end())
       for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
     if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
-    if (exercise.reach) check_places(exercise, path, where);
+    if (exercise.reach) check_scaled_targets(exercise, path, where);
     if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
       throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
                                     exercise.name, to_string(exercise.mode)));

@@ -37,11 +37,9 @@ ReachController::ReachController(const ReachGeometry& geometry, const ReachForce
   check_course("the pause after a reach", course.hold, 0, 3600, "s");
   check_course("the speed of the approach", course.approach_speed, 1e-3, 10, "m/s");
   check_course("the largest deviation", course.max_deviation, 1e-3, 100, "m");
-  if (geometry.distance() > geometry.start_radius + geometry.target_radius) return;
-  throw input_error(
-      fmt::format("a target is {:.1f} mm from the start, within their radii of {:.1f} mm and {:.1f} mm; move it, or "
-                  "make the radii smaller",
-                  1e3 * geometry.distance(), 1e3 * geometry.start_radius, 1e3 * geometry.target_radius));
+  if (const std::string why = too_near(geometry.distance(), geometry.start_radius, geometry.target_radius);
+      !why.empty())
+    throw input_error(fmt::format("a target {}; move it, or make the radii smaller", why));
 }
 
 void ReachController::start(const State& first) noexcept {

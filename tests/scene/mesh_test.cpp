@@ -680,6 +680,8 @@ TEST(MeshFiles, AreRefusedWithTheReason) {
   EXPECT_THAT(error("a.obj", "v 0 0\n"), HasSubstr("a.obj:1: '' is no coordinate"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n"), HasSubstr("a.obj:3: 'nan' is no coordinate"));
   EXPECT_THAT(error("a.stl", "solid nothing"), HasSubstr("a.stl"));
+  const std::string cut = std::string(80, ' ') + std::string({100, 0, 0, 0}) + std::string(3 * 50 + 20, '\0');
+  EXPECT_THAT(error("cut.stl", cut), HasSubstr("cut.stl: promises 100 triangles, but ends after 3; is it complete?"));
   EXPECT_THAT(error("a.xyz", "hello"), HasSubstr("cannot be read as a mesh"));
   EXPECT_THAT(error("a.glb", "glTF rubbish"), HasSubstr("a.glb"));
   TriangleMesh flat;

@@ -188,7 +188,7 @@ TEST(SceneController, ReportsEveryTouchOnceAndItsLastingEnd) {
   EXPECT_NEAR(figures[0].max_depth, 0.005, 1e-12);
   EXPECT_NEAR(figures[0].max_force, 4, 1e-9);
   EXPECT_EQ(figures[1].times, 1);
-  EXPECT_EQ(describe(events[0].second), "object 1 touched: 1.6 N");
+  EXPECT_EQ(describe(events[0].second), "object 1 touched: 1.60 N");
   EXPECT_EQ(describe(events[1].second), "object 1 left: 2.00 mm deep at most, 0.02 s");
 }
 

@@ -259,7 +259,7 @@ TEST(ReachController, RefusesATargetWithinTheStart) {
                 rig.trial.geometry.target = Vec3(0.01, 0, 0);
                 rig.begin(Vec3::Zero());
               }),
-              HasSubstr("a target is 10.0 mm from the start, within their radii"));
+              HasSubstr("a target is 10.0 mm from the start, within start_radius and target_radius"));
 }
 
 /// Runs whole programmes with one participant.
@@ -430,7 +430,7 @@ TEST_F(ReachSession, LeavesReachesInAWeakFieldOutOfTheMeansOfTheirBlock) {
 
 TEST_F(ReachSession, RefusesATargetThatIsScaledIntoTheStartBeforeAnythingMoves) {
   EXPECT_THAT(error_of([&] { (void)run(R"("targets": [[0.08, 0, 0], [0.04, 0, 0]])", R"("scale": 0.3)"); }),
-              HasSubstr("target 2 of 'out' is 12.0 mm from the start as it is scaled"));
+              HasSubstr("target 2 of 'out', as it is scaled, is 12.0 mm from the start"));
   EXPECT_FALSE(std::filesystem::exists(options_.folder));
 }
 
