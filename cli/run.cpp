@@ -7,6 +7,7 @@
 #include "cli/terminal.h"
 #include "cli/tuning.h"
 #include "devices/device_spec.h"
+#include "metrics/assessment_summary.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
@@ -43,9 +44,9 @@ std::string minutes(double seconds) {
 
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
-  for (const char* name :
-       {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s", "lateral_deviation_m",
-        "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r"}) {
+  for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s",
+                           "lateral_deviation_m", "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r",
+                           "range_m", "press_force_n", "tracking_rms_m", "tracking_gain", "tracking_delay_s"}) {
     const std::optional<double> value = figure_in(figures, name);
     if (!value) continue;
     const TrialFigure& figure = trial_figure(name);
@@ -141,9 +142,13 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
       partial.empty() ? "" : fmt::format(" and {} in part ({} of the path)", partial.size(), fmt::join(partial, ", ")),
       result.log.complete ? ", the programme is complete" : "", minutes(sitting.duration), sitting.force_dose);
   const Programme programme = programme_from_json(result.log.programme, folder);
-  for (std::size_t i = 0; i < programme.size(); ++i)
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    const std::string& name = programme.exercise(i).name;
     for (const ReachBlockSummary& block : summarise_blocks(programme, i, result.log))
-      text += fmt::format("  {}, {}\n", programme.exercise(i).name, describe(block));
+      text += fmt::format("  {}, {}\n", name, describe(block));
+    if (const std::optional<AssessmentSummary> summary = summarise_assessment(programme, i, result.log))
+      for (const std::string& line : describe(*summary)) text += fmt::format("  {}, {}\n", name, line);
+  }
   if (!result.log.complete)
     text += fmt::format("  ended: {}{}{}; resume with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
                         sitting.detail, resume);

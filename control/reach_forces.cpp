@@ -19,7 +19,7 @@ void check_reach(const char* what, double value, double least, double most, cons
 
 ReachForces::ReachForces(const ReachGeometry& geometry, const Options& options)
     : geometry_(geometry),
-      along_(geometry.along()),
+      along_(options.clamp && options.clamp->locks ? Vec3(Vec3::Zero()) : geometry.along()),
       options_(options),
       tank_(options.energy),
       account_(options.delay, options.rate_hz) {
@@ -52,8 +52,7 @@ Vec3 ReachForces::limited(const Vec3& force) const noexcept {
 
 double ReachForces::stored(const Vec3& position, double gain) const noexcept {
   if (!options_.clamp) return 0;
-  const Vec3 off = position - geometry_.start;
-  const double k = options_.clamp->stiffness, d = norm_of(off - along_.dot(off) * along_);
+  const double k = options_.clamp->stiffness, d = norm_of(off(position - geometry_.start));
   const double linear = options_.max_force / k;
   return gain * (d <= linear ? 0.5 * k * d * d : options_.max_force * (d - 0.5 * linear));
 }
@@ -64,8 +63,7 @@ double ReachForces::advance(const State& state, bool acts, double share) noexcep
     still_ = 0;
   else if (speed < kStill && force_.cwiseAbs().maxCoeff() > kHeld)
     still_ += state.dt;
-  const bool holds = still_ >= kHolds;
-  holding_.advance(holds ? 0 : 1, state.dt, holds ? kDecay : rise());
+  holding_.advance(lets_go() ? 0 : 1, state.dt, lets_go() ? kDecay : rise());
   on_.advance(acts && !broken_ ? 1 : 0, state.dt, acts && !broken_ ? rise() : kFall);
   const double next = share * on_.value() * holding_.value();
   // A stiffer spring holds more energy at the same place; the tank must be able to pay.
@@ -88,8 +86,7 @@ Vec3 ReachForces::update(const State& state, bool acts, double share, bool alone
     tank_.charge(*given);
   }
   if (options_.clamp) {
-    const Vec3 off = state.position - geometry_.start;
-    const Vec3 d = off - along_.dot(off) * along_, v = state.velocity - along_.dot(state.velocity) * along_;
+    const Vec3 d = off(state.position - geometry_.start), v = off(state.velocity);
     if (acts && on_.value() > 0 && norm_of(d) > options_.clamp->break_out) broken_ = true;
     force_ = -gain * limited(options_.clamp->stiffness * d + options_.clamp->damping * v);
   } else {

@@ -18,6 +18,7 @@ struct ClampOptions {
   double damping = 3;       ///< of movement across the channel [N s/m]
   double rise = 1.5;        ///< time over which it comes on [s]
   double break_out = 0.03;  ///< distance from the line at which it goes off for the rest of the reach [m]
+  bool locks = false;       ///< it also holds the hand along the line, in the start
 };
 
 /// Computes the force of a reach at every tick. With p the position, v the estimated velocity, u the direction of the
@@ -25,6 +26,8 @@ struct ClampOptions {
 ///
 ///     field   F = g s h sat(B v)
 ///     clamp   F = -g h sat(k d + b v_d)
+///
+/// A clamp that locks has d = p - start and v_d = v.
 ///
 /// g is a ramp: the force comes on over `rise` and goes off within kFall. sat() limits the magnitude to `max_force` and
 /// keeps the direction.
@@ -68,6 +71,12 @@ class ReachForces {
   /// another force of the controller acts: its work is not charged.
   [[nodiscard]] Vec3 update(const State& state, bool acts, double share, bool alone) noexcept;
 
+  /// Returns the part of a vector from the start, or of a velocity, that the channel acts on.
+  [[nodiscard]] Vec3 off(const Vec3& vector) const noexcept { return vector - along_.dot(vector) * along_; }
+  /// Counts the time for which a force has held a hand at rest anew.
+  void hold_anew() noexcept { still_ = 0; }
+  /// Returns true while a force that has held a hand for too long decays.
+  [[nodiscard]] bool lets_go() const noexcept { return still_ >= kHolds; }
   /// Returns true if the hand broke out of the channel in this reach.
   [[nodiscard]] bool broken() const noexcept { return broken_; }
   [[nodiscard]] const EnergyTank& tank() const noexcept { return tank_; }
@@ -83,7 +92,7 @@ class ReachForces {
   [[nodiscard]] Vec3 limited(const Vec3& force) const noexcept;
 
   ReachGeometry geometry_;
-  Vec3 along_;
+  Vec3 along_;  ///< of the channel's free movement; zero if it locks
   Options options_;
   EnergyTank tank_;
   EnergyAccount account_;

@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -10,6 +11,7 @@ namespace haptrace {
 namespace {
 
 constexpr EnumNames<ReachKind, 3> kReachKinds{"kind of reach", {"plain", "catch", "clamp"}};
+constexpr EnumNames<ReachGoal, 4> kReachGoals{"goal of a reach", {"target", "range", "press", "track"}};
 
 }  // namespace
 
@@ -19,6 +21,22 @@ const char* to_string(ReachKind kind) noexcept {
 
 ReachKind parse_reach_kind(std::string_view name) {
   return kReachKinds.parse(name);
+}
+
+const char* to_string(ReachGoal goal) noexcept {
+  return kReachGoals.name(goal);
+}
+
+ReachGoal parse_reach_goal(std::string_view name) {
+  return kReachGoals.parse(name);
+}
+
+double TrackSignal::at(double t) const noexcept {
+  double sum = 0;
+  for (std::size_t k = 0; k < frequency.size(); ++k)
+    sum += std::sin(2 * std::numbers::pi * frequency[k] * t + phase[k]);
+  const double fade = t < kFadeIn ? std::sin(0.5 * std::numbers::pi * std::max(0.0, t) / kFadeIn) : 1;
+  return fade * fade * sum / static_cast<double>(frequency.size());
 }
 
 Vec3 lateral_axis(const Vec3& start, const Vec3& target, const Vec3& normal, const Vec3& otherwise) noexcept {

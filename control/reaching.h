@@ -1,7 +1,8 @@
-// Reaching from a start to a target: geometry, kinds of reaches, and force fields.
+// Trials with a cue, from a start in a direction: geometry, purposes, force fields, and a target that moves.
 #pragma once
 
 #include "base/types.h"
+#include "control/path/path.h"
 
 #include <cstdint>
 #include <string>
@@ -20,6 +21,17 @@ enum class ReachKind : std::uint8_t {
 const char* to_string(ReachKind kind) noexcept;
 ReachKind parse_reach_kind(std::string_view name);  ///< throws Error(input) that names the known values
 
+/// The task of the participant after the cue.
+enum class ReachGoal : std::uint8_t {
+  target,  ///< move to the target and hold there
+  range,   ///< move as far as possible in the direction of the target, and hold
+  press,   ///< press against a lock in the start, in the direction of the target, as hard as possible
+  track,   ///< follow a target that moves on the line from the start through the target
+};
+
+const char* to_string(ReachGoal goal) noexcept;
+ReachGoal parse_reach_goal(std::string_view name);  ///< throws Error(input) that names the known values
+
 /// Places of one reach, in W.
 struct ReachGeometry {
   Vec3 start = Vec3::Zero(), target = Vec3::Zero();  ///< [m]
@@ -35,9 +47,30 @@ struct ReachGeometry {
   [[nodiscard]] Vec3 across(const Vec3& v) const noexcept { return v - along().dot(v) * along(); }
 };
 
+/// Movement of a target along a line: a sum of sines of equal size that fades in,
+///
+///     s(t) = w(t) / n sum_k sin(2 pi f_k t + phi_k),   w(t) = sin^2(pi t / (2 kFadeIn)) up to kFadeIn, then 1,
+///
+/// as a share of the distance from the start to the target: never beyond -1 and 1.
+struct TrackSignal {
+  static constexpr double kFadeIn = 2;  ///< [s]
+
+  std::vector<double> frequency;  ///< [Hz]
+  std::vector<double> phase;      ///< [rad], one for each frequency
+  double discard = 5;             ///< time from the cue that no metric counts, at least kFadeIn [s]
+
+  /// Returns s(t); `t` counts from the cue [s]. Real-time.
+  [[nodiscard]] double at(double t) const noexcept;
+};
+
 /// One reach, as a recording and a session log describe it.
 struct ReachTrial {
   ReachGeometry geometry;
+  ReachGoal goal = ReachGoal::target;
+  double hold = 0.5;   ///< range: time for which the hand must stay at its farthest place [s]
+  double largest = 0;  ///< press: largest force that the lock has [N]; 0: the handle is locked, without a force
+  TrackSignal track;   ///< track: movement of the target
+  Box workspace;       ///< range: where the device ends [m]; not finite: unknown
   ReachKind kind = ReachKind::plain;
   Eigen::Matrix3d field = Eigen::Matrix3d::Zero();  ///< B of the exercise's field F = B v, in W [N s/m]
   bool field_block = false;                         ///< the reach belongs to a block with the field

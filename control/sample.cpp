@@ -186,7 +186,7 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::deviation_over:
       if (std::isfinite(c))
-        return fmt::format("the clamp went off: the hand was {:.1f} mm from its line, the limit is {:.1f} mm", 1e3 * a,
+        return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * a,
                            1e3 * b);
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::oscillation:

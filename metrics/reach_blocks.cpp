@@ -1,6 +1,7 @@
 #include "metrics/reach_blocks.h"
 
 #include "base/json_reader.h"
+#include "base/statistics.h"
 #include "metrics/recorded_trial.h"
 
 #include <fmt/format.h>
@@ -38,15 +39,11 @@ void count_reach(ReachBlockSummary& block, BlockValues& values, const LoggedTria
   add_figure(values.index, trial, "adaptation_index");
 }
 
-nlohmann::json json_of_optional(const std::optional<double>& value) {
-  return value ? json_of_number(*value) : nlohmann::json();
-}
-
 }  // namespace
 
 std::vector<ReachBlockSummary> summarise_blocks(const Programme& programme, std::size_t i, const SessionLog& log) {
   std::vector<ReachBlockSummary> blocks;
-  if (!programme.exercise(i).reach) return blocks;
+  if (const auto& task = programme.exercise(i).reach; !task || task->goal != ReachGoal::target) return blocks;
   for (const ReachBlock& block : programme.exercise(i).reach->blocks)
     blocks.push_back({.name = block.name, .field = block.field});
   std::vector<BlockValues> values(blocks.size());
@@ -61,7 +58,8 @@ std::vector<ReachBlockSummary> summarise_blocks(const Programme& programme, std:
     ReachBlockSummary& block = blocks[k];
     before_field = before_field && !block.field;
     if (before_field) baseline.insert(baseline.end(), values[k].deviation.begin(), values[k].deviation.end());
-    block.reaction_time = mean_of(values[k].reaction);
+    block.without_reaction = block.plain + block.catches + block.clamps - block.weakened - values[k].reaction.size();
+    if (!values[k].reaction.empty()) block.reaction_time = median(values[k].reaction);
     block.lateral_deviation = mean_of(values[k].deviation);
     block.after_effect = mean_of(values[k].after);
     block.adaptation_index = mean_of(values[k].index);
@@ -81,11 +79,12 @@ nlohmann::json to_json(const std::vector<ReachBlockSummary>& blocks) {
                     {"clamps", block.clamps},
                     {"clamps_refused", block.refused},
                     {"weakened", block.weakened},
-                    {"reaction_time_s", json_of_optional(block.reaction_time)},
-                    {"lateral_deviation_m", json_of_optional(block.lateral_deviation)},
-                    {"after_effect_m", json_of_optional(block.after_effect)},
-                    {"after_effect_change_m", json_of_optional(block.after_effect_change)},
-                    {"adaptation_index", json_of_optional(block.adaptation_index)}});
+                    {"reaction_time_s", json_of_number(block.reaction_time)},
+                    {"without_reaction", block.without_reaction},
+                    {"lateral_deviation_m", json_of_number(block.lateral_deviation)},
+                    {"after_effect_m", json_of_number(block.after_effect)},
+                    {"after_effect_change_m", json_of_number(block.after_effect_change)},
+                    {"adaptation_index", json_of_number(block.adaptation_index)}});
   return json;
 }
 
@@ -96,13 +95,16 @@ std::string describe(const ReachBlockSummary& block) {
                        const char* unit) {
     if (value) text += fmt::format(", {} {:.{}f}{}", what, scale * *value, digits, unit);
   };
-  add("reaction time", block.reaction_time, 1e3, 0, " ms");
+  add("median reaction time", block.reaction_time, 1e3, 0, " ms");
   add("lateral deviation", block.lateral_deviation, 1e3, 1, " mm");
   add("after-effect", block.after_effect, 1e3, 1, " mm");
   add("adaptation index", block.adaptation_index, 1, 2, "");
   if (block.weakened > 0)
     text += fmt::format(", {} of {} reaches left out, in which less than {:.0f} % of the field acted", block.weakened,
                         block.plain, 1e2 * ReachFigures::kLeastField);
+  if (block.without_reaction > 0)
+    text += fmt::format(", {} reaction{} too early, too late or not seen", block.without_reaction,
+                        block.without_reaction == 1 ? "" : "s");
   if (block.refused > 0) text += fmt::format(", {} of {} clamps without an index", block.refused, block.clamps);
   return text;
 }

@@ -20,14 +20,15 @@ struct ReachBlockSummary {
   std::size_t refused = 0;                         ///< clamps without an adaptation index
   /// Plain reaches in which less than ReachFigures::kLeastField of the field acted. They do not count in the means.
   std::size_t weakened = 0;
-  std::optional<double> reaction_time;        ///< of all kinds [s]
+  std::size_t without_reaction = 0;           ///< of all kinds: the reaction was too early, too late or not seen
+  std::optional<double> reaction_time;        ///< median over all kinds [s]
   std::optional<double> lateral_deviation;    ///< of plain reaches, at peak speed [m]
   std::optional<double> after_effect;         ///< of catch trials [m]
   std::optional<double> after_effect_change;  ///< less the deviation in the blocks before the first field [m]
   std::optional<double> adaptation_index;     ///< of clamps
 };
 
-/// Returns a summary for each block of exercise `i`. Throws nothing for an exercise without reaches: it has no blocks.
+/// Returns a summary for each block of exercise `i`; none for an exercise in another mode than reach.
 std::vector<ReachBlockSummary> summarise_blocks(const Programme& programme, std::size_t i, const SessionLog& log);
 
 nlohmann::json to_json(const std::vector<ReachBlockSummary>& blocks);

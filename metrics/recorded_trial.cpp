@@ -286,6 +286,32 @@ constexpr TrialFigure kFigures[] = {
        return f.reach && f.reach_kind == ReachKind::clamp ? std::optional(f.reach->lateral_play) : std::nullopt;
      },
      "Largest distance from the line through start and target in an error clamp, from onset to end.", kLowPass},
+    {"range_m", "range of motion", "mm", 1e3, 1, 1,
+     [](const TrialFigures& f) { return f.range ? std::optional(f.range->distance) : std::nullopt; },
+     "Largest distance from the start, along the direction of the trial, that the hand kept for the hold (usually 0.5 "
+     "s). "
+     "At the end of the workspace it is a lower bound.",
+     kUnfiltered},
+    {"press_force_n", "maximum force", "N", 1, 2, 1,
+     [](const TrialFigures& f) { return f.press ? std::optional(f.press->force) : std::nullopt; },
+     "Largest mean over 0.5 s of the force of the hand along the direction of the trial: measured if the device has a "
+     "force sensor, else as the device sent it to hold the hand. It is a lower bound if the device had no more force, "
+     "or gave way.",
+     kUnfiltered},
+    {"tracking_rms_m", "rms error of tracking", "mm", 1e3, 2, -1,
+     [](const TrialFigures& f) { return f.track ? std::optional(f.track->rms) : std::nullopt; },
+     "Root mean square over time of the distance from the moving target, without the first seconds (usually 5).",
+     kUnfiltered},
+    {"tracking_gain", "gain of tracking", "", 1, 2, 0,
+     [](const TrialFigures& f) { return f.track ? f.track->gain : std::nullopt; },
+     "Gain of the hand at the frequencies of the target, at the delay that fits best (least squares); 1: it moves as "
+     "far as the target.",
+     kUnfiltered},
+    {"tracking_delay_s", "delay of tracking", "ms", 1e3, 0, -1,
+     [](const TrialFigures& f) { return f.track ? f.track->delay : std::nullopt; },
+     "Delay with which a copy of the target's movement is nearest to the hand's at these frequencies. Undefined for a "
+     "gain below 0.1. It includes the delay of the picture.",
+     kUnfiltered},
 };
 
 }  // namespace
@@ -367,7 +393,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       }
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
-  if (reach && reach->kind == ReachKind::clamp) {
+  if (reach && (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press)) {
     const std::vector<StoredEvent> events = reader.events();
     for (RecordedTrial& trial : trials) trial.spoiled = spoiled_by(events, trial);
   }
@@ -460,6 +486,27 @@ std::optional<double> completion_of_reach(const ReachGeometry& geometry, std::sp
   return farthest ? std::optional(std::min(1.0, *farthest)) : std::nullopt;
 }
 
+/// Adds the metrics of a trial with a cue.
+void add_reach_figures(TrialFigures& figures, const RecordedTrial& trial, const Trial& samples) {
+  const ReachTrial& reach = *trial.reach;
+  switch (reach.goal) {
+    case ReachGoal::target:
+      figures.reach = reach_figures(samples, reach, trial.spoiled);
+      figures.reach_kind = reach.kind;
+      figures.completion = completion_of_reach(reach.geometry, trial.position);
+      break;
+    case ReachGoal::range:
+      figures.range = range_figures(samples, reach);
+      break;
+    case ReachGoal::press:
+      figures.press = press_figures(samples, reach, trial.spoiled);
+      break;
+    case ReachGoal::track:
+      figures.track = track_figures(samples, reach);
+      break;
+  }
+}
+
 }  // namespace
 
 TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<TrialPath>& path,
@@ -468,12 +515,9 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
                        .samples = trial.time.size()};
   MovementOptions movement{.plant = plant};
   PathAlignment own;
+  const Trial samples{.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured};
   if (trial.reach) {
-    figures.reach = reach_figures(
-        {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured},
-        *trial.reach, trial.spoiled);
-    figures.reach_kind = trial.reach->kind;
-    figures.completion = completion_of_reach(trial.reach->geometry, trial.position);
+    add_reach_figures(figures, trial, samples);
   } else if (path && path->curve.length() > 0) {
     if (aligned == nullptr) own = align_with_path(path->curve, trial.position);
     const PathAlignment& alignment = aligned != nullptr ? *aligned : own;
@@ -496,8 +540,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
   if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
     figures.deviation = deviation(trial.time, trial.position, trial.reference);
   figures.peak_force = peak_of(trial.force);
-  figures.movement = movement_figures(
-      {.time = trial.time, .position = trial.position, .force = trial.force, .measured = trial.measured}, movement);
+  if (!trial.reach || trial.reach->goal != ReachGoal::press) figures.movement = movement_figures(samples, movement);
   return figures;
 }
 
@@ -518,10 +561,13 @@ nlohmann::json to_json(const TrialFigures& figures) {
   nlohmann::json json{
       {"definitions", kFigureDefinitions}, {"duration_s", figures.duration}, {"samples", figures.samples}};
   for (const TrialFigure& figure : kFigures) {
-    const std::optional<double> value = figure.value(figures);
-    json[figure.name] = value ? json_of_number(*value) : nlohmann::json(nullptr);
+    json[figure.name] = json_of_number(figure.value(figures));
   }
   if (figures.reach && !figures.reach->refused.empty()) json["refused"] = figures.reach->refused;
+  if (figures.range && figures.range->at_limit)
+    json["at_limit"] = "the hand was at the end of the workspace: the person may come farther";
+  if (figures.press && figures.press->at_limit)
+    json["at_limit"] = "the device had no more force, or gave way: the person may be stronger";
   return json;
 }
 

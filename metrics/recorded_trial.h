@@ -3,6 +3,7 @@
 
 #include "control/path/path.h"
 #include "formats/recording/recording.h"
+#include "metrics/assessment.h"
 #include "metrics/deviation.h"
 #include "metrics/movement.h"
 #include "metrics/path_alignment.h"
@@ -22,7 +23,7 @@ enum class TrialKind {
   cursor,   ///< the trainee follows a cursor that moves in its own time
   guided,   ///< the trainee follows a path in their own time, with or without a tunnel
   free,     ///< no path
-  reach,    ///< a reach for a target; the trial begins with the cue
+  reach,    ///< a trial with a cue, with which it begins: ReachGoal
 };
 
 /// One section in the phase run, or a whole recording without such sections. Columns have the length of `time`, or are
@@ -40,7 +41,7 @@ struct RecordedTrial {
   std::vector<double> radius;    ///< tunnel radius at that point [m]
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
   std::optional<ReachTrial> reach;  ///< its places and field
-  std::string spoiled;              ///< why a clamp did not act as planned; empty otherwise
+  std::string spoiled;              ///< why a clamp or a lock did not act as planned; empty otherwise
 };
 
 inline constexpr std::uint64_t kLongestTrial = 20'000'000;  ///< largest number of rows read into memory
@@ -81,7 +82,10 @@ struct TrialFigures {
   std::optional<ForceDeviation> force_error;  ///< felt force against the expert's, along the path, if it was replayed
   std::optional<double> peak_force;           ///< largest magnitude of the force of all rows, unfiltered [N]
   std::optional<MovementFigures> movement;
-  std::optional<ReachFigures> reach;  ///< of a reach, which has no metrics of a path
+  std::optional<ReachFigures> reach;  ///< of a reach to a target, which has no metrics of a path
+  std::optional<RangeFigures> range;  ///< of a range of motion
+  std::optional<PressFigures> press;  ///< of a press against a lock
+  std::optional<TrackFigures> track;  ///< of tracking
   ReachKind reach_kind = ReachKind::plain;
 };
 
@@ -129,7 +133,8 @@ inline constexpr const char* kAlignment =
 nlohmann::json definitions_of_figures();
 
 /// Returns every metric by its name, null where it is undefined, the number of samples and the version of the
-/// definitions; `refused` says why an error clamp has no adaptation index.
+/// definitions. `refused` says why an error clamp has no adaptation index, and `at_limit` why a range or a press may be
+/// larger than measured.
 nlohmann::json to_json(const TrialFigures& figures);
 
 /// Returns the metric of this name from the output of to_json(); nothing when it is undefined or missing, or when

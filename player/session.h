@@ -44,7 +44,7 @@ struct SessionOptions;
 struct FollowedPath {
   static constexpr std::size_t kMostPathPoints = 4000;
 
-  std::string mode;            ///< of the guidance: "tunnel", "cursor", "free"; empty for a playback
+  std::string mode;            ///< of the guidance: "tunnel", "cursor", "free", or a ReachGoal; empty for a playback
   std::vector<double> time;    ///< at which the recorded movement reaches each point [s]
   std::vector<Vec3> position;  ///< in W [m]
   std::vector<double> radius;  ///< of the tunnel at each point [m]; empty: no tunnel

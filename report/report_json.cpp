@@ -6,14 +6,10 @@ namespace {
 
 using nlohmann::json;
 
-json json_of_optional(const std::optional<double>& value) {
-  return value ? json_of_number(*value) : json(nullptr);
-}
-
 json json_of_trial(const ReportTrial& trial) {
   json figures = json::object();
   const std::span<const TrialFigure> known = all_trial_figures();
-  for (std::size_t i = 0; i < known.size(); ++i) figures[known[i].name] = json_of_optional(trial.figures[i]);
+  for (std::size_t i = 0; i < known.size(); ++i) figures[known[i].name] = json_of_number(trial.figures[i]);
   return {{"round", trial.round},
           {"repetition", trial.repetition},
           {"attempt", trial.attempt},
@@ -27,11 +23,11 @@ json json_of_trial(const ReportTrial& trial) {
           {"samples", trial.samples},
           {"rank", trial.rank ? json(*trial.rank) : json(nullptr)},
           {"settings",
-           {{"pace", json_of_optional(trial.pace)},
-            {"radius_m", json_of_optional(trial.radius)},
-            {"stiffness_n_per_m", json_of_optional(trial.stiffness)},
-            {"assistance", json_of_optional(trial.assistance)},
-            {"level", json_of_optional(trial.level)}}},
+           {{"pace", json_of_number(trial.pace)},
+            {"radius_m", json_of_number(trial.radius)},
+            {"stiffness_n_per_m", json_of_number(trial.stiffness)},
+            {"assistance", json_of_number(trial.assistance)},
+            {"level", json_of_number(trial.level)}}},
           {"reach", trial.target.empty() ? json() : json(trial.target)},
           {"figures", std::move(figures)}};
 }
@@ -78,6 +74,7 @@ json json_of_exercise(const ReportExercise& exercise) {
             {"partial", exercise.out_of_time()},
             {"metrics", std::move(summaries)}}},
           {"blocks", to_json(exercise.blocks)},
+          {"assessment", exercise.assessment ? to_json(*exercise.assessment) : json(nullptr)},
           {"mode", exercise.mode},
           {"test", exercise.test},
           {"warm_up", exercise.warm_up},
@@ -112,7 +109,7 @@ json json_of_session(const ReportSession& session) {
   for (const ReportEvent& event : session.events)
     events.push_back({{"kind", name_of(event.kind)},
                       {"where", event.where},
-                      {"time_s", json_of_optional(event.time)},
+                      {"time_s", json_of_number(event.time)},
                       {"times", event.times},
                       {"text", event.text}});
   return {{"source", session.source},
@@ -124,7 +121,7 @@ json json_of_session(const ReportSession& session) {
           {"software", session.software},
           {"device", session.device},
           {"device_force_n", session.device_force > 0 ? json(session.device_force) : json(nullptr)},
-          {"force_limit_n", json_of_optional(session.force_limit)},
+          {"force_limit_n", json_of_number(session.force_limit)},
           {"meta", session.meta},
           {"complete", session.complete},
           {"duration_s", session.duration},
@@ -155,7 +152,7 @@ const char* name_of(ReportChange::Verdict verdict) {
 
 json json_of_change(const ReportChange& change) {
   return {{"change", json_of_number(change.change)},
-          {"mdc95", json_of_optional(change.mdc95)},
+          {"mdc95", json_of_number(change.mdc95)},
           {"verdict", name_of(change.verdict)},
           {"words", change.words}};
 }
@@ -217,9 +214,9 @@ json json_of_norms(const Report& report) {
   const Norms& norms = *report.norms;
   json metrics = json::object();
   for (const auto& [name, norm] : norms.metrics)
-    metrics[name] = {{"mdc95", json_of_optional(mdc95_of(norm))},
-                     {"low", json_of_optional(norm.low)},
-                     {"high", json_of_optional(norm.high)}};
+    metrics[name] = {{"mdc95", json_of_number(mdc95_of(norm))},
+                     {"low", json_of_number(norm.low)},
+                     {"high", json_of_number(norm.high)}};
   return {{"file", norms.file},
           {"source", norms.source},
           {"population", norms.population},

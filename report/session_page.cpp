@@ -173,9 +173,9 @@ void add_blocks(xml_node section, const ReportExercise& exercise) {
               exercise.blocks.size());
   table.column("block");
   table.column("force field");
-  for (const char* title :
-       {"plain reaches", "with less than 90 % of the field", "catch trials", "clamps", "clamps without an index",
-        "reaction time (ms)", "lateral deviation (mm)", "after-effect (mm)", "its change (mm)", "adaptation index"})
+  for (const char* title : {"plain reaches", "with less than 90 % of the field", "catch trials", "clamps",
+                            "clamps without an index", "reaction time, median (ms)", "lateral deviation (mm)",
+                            "after-effect (mm)", "its change (mm)", "adaptation index"})
     table.column(title, true);
   const auto number = [&](const std::optional<double>& value, double scale, int digits) {
     table.number(value ? with_minus(fmt::format("{:.{}f}", scale * *value, digits)) : kUndefined);
@@ -193,12 +193,38 @@ void add_blocks(xml_node section, const ReportExercise& exercise) {
   }
 }
 
+/// Adds the best of the tries in each direction of a range of motion or a press.
+void add_assessment(xml_node section, const ReportExercise& exercise) {
+  if (!exercise.assessment || exercise.assessment->directions.empty()) return;
+  const AssessmentSummary& summary = *exercise.assessment;
+  const bool range = summary.goal == ReachGoal::range;
+  std::string caption = fmt::format("Results of {}: the best of the tries in each direction.", exercise.name);
+  if (summary.area)
+    caption += fmt::format(" The area within these places is {}{:.1f}{}cm².", summary.at_limit() ? "at least " : "",
+                           1e4 * *summary.area, kNarrowSpace);
+  if (summary.at_limit())
+    caption += range ? " ≥: the device ends there, and the person may come farther."
+                     : " ≥: the device had no more force, or gave way; the person may be stronger.";
+  Table table(section, caption, summary.directions.size());
+  table.column("direction", true);
+  table.column("tries", true);
+  table.column(range ? "range of motion (mm)" : "maximum force (N)", true);
+  for (std::size_t i = 0; i < summary.directions.size(); ++i) {
+    const DirectionSummary& one = summary.directions[i];
+    table.row(fmt::format("{}", i + 1));
+    table.number(fmt::format("{}", one.tries));
+    table.number(one.best ? with_minus(fmt::format("{}{:.{}f}", one.at_limit ? "≥ " : "", (range ? 1e3 : 1) * *one.best,
+                                                   range ? 1 : 2))
+                          : kUndefined);
+  }
+}
+
 void add_exercise(xml_node section, const Report& report, const ReportCourse::Point& point, int depth) {
   const ReportExercise& exercise = exercise_of(report, point);
   add(section, heading(depth), exercise.name);
   std::string about = fmt::format("The device {}.", mode_in_words(exercise));
   if (!exercise.path.empty()) about += fmt::format(" Path: {}", exercise.path);
-  if (exercise.path_length > 0 && exercise.mode != "reach")
+  if (exercise.path_length > 0 && exercise.reach.empty())
     about += fmt::format("{}{:.0f}{}mm long", exercise.path.empty() ? " The path is " : ", ",
                          1e3 * exercise.path_length, kNarrowSpace);
   if (!exercise.path.empty() || exercise.path_length > 0) about += ".";
@@ -220,6 +246,7 @@ void add_exercise(xml_node section, const Report& report, const ReportCourse::Po
     set(add(section, "p", "The settings changed between repetitions, so a trend here does not show skill alone."),
         "class", "soft");
   add_blocks(section, exercise);
+  add_assessment(section, exercise);
   add_trials(section, exercise, person_of(report, point.session));
 }
 
@@ -319,6 +346,9 @@ std::string mode_in_words(const ReportExercise& exercise) {
       {"resist", "resisted the movement along the path within a tunnel"},
       {"free", "gave no guidance"},
       {"reach", "left the hand to reach for targets"},
+      {"range", "left the hand to move as far as it can"},
+      {"press", "held the hand, which pressed as hard as it can"},
+      {"track", "left the hand to follow a moving target"},
       {"playback", "played back the path"},
       {"recording", "recorded the movement"}};
   const auto found = kWords.find(exercise.mode);
@@ -333,12 +363,13 @@ std::string with_unit(const TrialFigure& figure) {
 }
 
 bool is_main(std::size_t figure) {
-  static const std::set<std::string_view> kMain{"contour_rms_m",       "contour_peak_m",  "deviation_rms_m",
-                                                "time_in_tunnel",      "completion",      "helped_time",
-                                                "movement_time_s",     "sparc",           "speed_peaks",
-                                                "force_error_rms_n",   "mean_force_n",    "reaction_time_s",
-                                                "lateral_deviation_m", "after_effect_m",  "field_share",
-                                                "end_error_m",         "adaptation_index"};
+  static const std::set<std::string_view> kMain{
+      "contour_rms_m",       "contour_peak_m",    "deviation_rms_m", "time_in_tunnel",
+      "completion",          "helped_time",       "movement_time_s", "sparc",
+      "speed_peaks",         "force_error_rms_n", "mean_force_n",    "reaction_time_s",
+      "lateral_deviation_m", "after_effect_m",    "field_share",     "end_error_m",
+      "adaptation_index",    "range_m",           "press_force_n",   "tracking_rms_m",
+      "tracking_gain",       "tracking_delay_s"};
   return kMain.contains(all_trial_figures()[figure].name);
 }
 

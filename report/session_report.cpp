@@ -244,7 +244,8 @@ void add_trends(ReportExercise& exercise, const std::string& asked) {
   }
   const bool own_time = exercise.mode == "passive" || exercise.mode == "cursor" || exercise.mode == "playback";
   for (const std::string& name :
-       {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"), std::string("movement_time_s")})
+       {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"), std::string("range_m"),
+        std::string("press_force_n"), std::string("tracking_rms_m"), std::string("movement_time_s")})
     if (!name.empty() && defined(index_of(name))) {
       exercise.figure = name;
       exercise.figure_named = name == asked;
@@ -272,8 +273,10 @@ std::string mode_of(TrialKind kind, const nlohmann::json& config) {
       return "cursor";
     case TrialKind::guided:
       return configured_text(config, "mode") == "free" ? "free" : "tunnel";
-    case TrialKind::reach:
-      return "reach";
+    case TrialKind::reach: {
+      const std::string mode = configured_text(config, "mode");
+      return mode.empty() ? "reach" : mode;
+    }
     case TrialKind::free:
       break;
   }
@@ -424,9 +427,16 @@ class Tasks {
   std::vector<Curve> known_;
 };
 
+std::string places_in_words(const ReachTask& task) {
+  if (task.goal != ReachGoal::track)
+    return fmt::format("{} {}", task.targets.size(), task.goal == ReachGoal::target ? "targets" : "directions");
+  return fmt::format("a target that moves up to {:.4g} mm to both sides, with {:g} Hz",
+                     1e3 * (task.targets.front() - task.start).norm(), fmt::join(task.track.frequency, ", "));
+}
+
 std::string path_in_words(const Programme& programme, const Exercise& exercise) {
   std::string text = exercise.path;
-  if (exercise.reach) text = fmt::format("{} targets", exercise.reach->targets.size());
+  if (exercise.reach) text = places_in_words(*exercise.reach);
   if (exercise.shape) {
     text = exercise.shape->value("kind", std::string("shape"));
     if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
@@ -442,15 +452,23 @@ void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exerc
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
   if (mode == passive || mode == assisted || mode == cursor) trial.pace = settings.pace;
-  if (mode != passive && mode != free && mode != reach) trial.radius = settings.radius;
+  if (mode != passive && mode != free && !exercise.reach) trial.radius = settings.radius;
   if (mode != passive && mode != free) trial.stiffness = settings.stiffness;
   if (mode == assisted) trial.assistance = settings.assistance;
   if (exercise.progression && exercise.progression->difficulty) trial.level = settings.level;
 }
 
-/// Returns a text that is the same for reaching tasks that compare: field, clamp and blocks.
+/// Returns a text that is the same for tasks with a cue that compare: field, clamp, blocks, and what sets their
+/// metrics.
 std::string key_of(const ReachTask& task) {
-  std::string text;
+  std::string text = task.goal == ReachGoal::target ? "" : fmt::format("{}; ", to_string(task.goal));
+  if (task.goal == ReachGoal::range) text += fmt::format("{:g}; ", task.target_hold);
+  if (task.goal == ReachGoal::press) text += fmt::format("{}; ", task.locked);
+  if (task.goal == ReachGoal::track) {
+    text += fmt::format("{:g}; ", task.track.discard);
+    for (const auto* values : {&task.track.frequency, &task.track.phase})
+      text += fmt::format("{:g}; ", fmt::join(*values, " "));
+  }
   if (task.field)
     for (const double entry : task.field->reshaped()) text += fmt::format("{:g} ", entry);
   text += fmt::format("; {:g} {:g} {:g}", task.clamp.stiffness.value_or(0), task.clamp.damping, task.clamp.break_out);
@@ -492,6 +510,7 @@ class SessionReading {
       const Exercise& asked = programme_.exercise(i);
       add_path(exercise, paths_[i], scales_[i]);
       exercise.blocks = summarise_blocks(programme_, i, log_);
+      exercise.assessment = summarise_assessment(programme_, i, log_);
       if (asked.reach) exercise.reach = key_of(*asked.reach);
       if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
@@ -544,8 +563,8 @@ class SessionReading {
                                   .warm_up = i < programme_.warm_up.size(),
                                   .path = path_in_words(programme_, exercise)});
     // Scale of the expert's force as the participant should feel it.
-    const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free &&
-                        exercise.mode != ExerciseMode::reach;
+    const bool guided =
+        exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free && !exercise.reach;
     scales_[i] = guided ? exercise.force_scale : 0;
     try {
       const Path path = load_path(file(log_.paths[i]));

@@ -5,6 +5,7 @@
 #include "formats/documents/norms.h"
 #include "formats/documents/programme.h"
 #include "formats/documents/session_log.h"
+#include "metrics/assessment_summary.h"
 #include "metrics/learning_curve.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
@@ -90,7 +91,8 @@ struct ReportExercise {
   std::vector<ReportTrial> trials;
   std::vector<ReportTrend> trends;        ///< for every metric that is defined in a finished repetition
   std::vector<ReachBlockSummary> blocks;  ///< of a reaching exercise
-  std::string reach;                      ///< its field, clamp and blocks; sessions in which they differ do not compare
+  std::optional<AssessmentSummary> assessment;
+  std::string reach;  ///< of a mode with a cue: what must not differ between sessions that compare; else empty
 
   [[nodiscard]] std::size_t finished() const;
   [[nodiscard]] std::size_t out_of_time() const;

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "formats/documents/programme.h"
 
 #include <algorithm>
 #include <array>
@@ -76,8 +77,8 @@ MetricNorm metric_from(JsonReader reader) {
 }  // namespace
 
 Norms load_norms(const std::string& file) {
-  static const std::vector<std::string> kModes{"passive", "assisted", "tunnel",   "cursor",   "resist",
-                                               "free",    "reach",    "playback", "recording"};
+  std::vector<std::string> modes = exercise_modes();
+  modes.insert(modes.end(), {"playback", "recording"});
   constexpr int kFormat = 1;
   const nlohmann::json document = load_json(file);
   JsonReader reader(document, file);
@@ -87,7 +88,7 @@ Norms load_norms(const std::string& file) {
               .population = reader.text("population", ""),
               .device = required_text(reader, "device"),
               .task = required_text(reader, "task"),
-              .mode = reader.require("mode").choice("mode", "free", kModes)};
+              .mode = reader.require("mode").choice("mode", "free", modes)};
   std::tie(norms.age_from, norms.age_to) = range(reader.require("age"), "age");
   std::optional<JsonReader> metrics = reader.require("metrics").object("metrics");
   for (const auto& [name, value] : document.at("metrics").items())

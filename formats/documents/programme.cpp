@@ -18,8 +18,8 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<ExerciseMode, 7> kModeNames{"mode",
-                                                {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach"}};
+constexpr EnumNames<ExerciseMode, 10> kModeNames{
+    "mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
 constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
 const std::vector<std::string> kForceNames{"auto", "task", "measured", "sent"};
@@ -31,13 +31,14 @@ constexpr EnumNames<ScreenPart, kScreenParts> kPartNames{"part of the screen",
 using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
                kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free,
-               kReach = ExerciseMode::reach;
+               kReach = ExerciseMode::reach, kRange = ExerciseMode::range, kPress = ExerciseMode::press,
+               kTrack = ExerciseMode::track;
 
 /// Keys that have a meaning in some modes only. All other keys apply to all modes.
 const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
   static const std::vector<std::pair<std::string, Modes>> keys{
       {"pace", {kPassive, kAssisted, kCursor}},
-      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree, kReach}},
+      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree, kReach, kRange, kPress, kTrack}},
       {"radius", {kAssisted, kTunnel, kCursor, kResist, kFree}},
       {"stiffness", {kAssisted, kTunnel, kCursor, kResist}},
       {"assist_force", {kAssisted}},
@@ -53,7 +54,10 @@ const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
       {"allow_back", {kAssisted, kTunnel, kResist, kFree}},
       {"catch", {kPassive, kAssisted, kTunnel, kCursor, kResist, kFree}},
       {"progression", {kPassive, kAssisted, kTunnel, kCursor, kResist, kFree}},
-      {"reach", {kReach}}};
+      {"reach", {kReach}},
+      {"range", {kRange}},
+      {"press", {kPress}},
+      {"track", {kTrack}}};
   return keys;
 }
 
@@ -110,6 +114,8 @@ std::optional<DifficultyRange> read_range(JsonReader& difficulty, const char* ke
 
 constexpr double kLeastRadius = 1e-4, kMostRadius = 0.5;     // [m]
 constexpr double kLeastStiffness = 1, kMostStiffness = 1e5;  // [N/m]
+constexpr double kShortestPress = 1;                         // [s]
+constexpr double kRestOfPress = 60;                          // muscles recover in it [s]
 constexpr double kLeastPace = 0.05, kMostPace = 20;          // relative to the path's own pace
 
 Progression read_progression(JsonReader reader, ExerciseMode mode) {
@@ -231,26 +237,80 @@ std::optional<BackWallOptions> read_back_wall(JsonReader& owner) {
   return wall;
 }
 
-/// Checks that an exercise has a path, or targets in mode reach.
+/// Returns the goal of a mode with a cue; nothing for the others.
+std::optional<ReachGoal> goal_of(ExerciseMode mode) {
+  switch (mode) {
+    case kReach:
+      return ReachGoal::target;
+    case kRange:
+      return ReachGoal::range;
+    case kPress:
+      return ReachGoal::press;
+    case kTrack:
+      return ReachGoal::track;
+    default:
+      return std::nullopt;
+  }
+}
+
+/// Checks that an exercise has a path, or the settings of a mode with a cue.
 void check_places(const JsonReader& reader, const Exercise& exercise) {
   const int paths = (reader.has("path") ? 1 : 0) + (exercise.shape ? 1 : 0);
-  if (exercise.mode == kReach) {
-    if (paths > 0) throw input_error(reader.where() + ": mode reach has targets and no path; remove path and shape");
-    if (!reader.has("reach"))
-      throw input_error(reader.where() + ": mode reach needs the key reach, with targets; see programme.schema.json");
+  const char* const mode = to_string(exercise.mode);
+  if (goal_of(exercise.mode)) {
+    if (paths > 0)
+      throw input_error(
+          fmt::format("{}: mode {} has targets and no path; remove path and shape", reader.where(), mode));
+    if (!reader.has(mode))
+      throw input_error(fmt::format("{}: mode {} needs the key {}{}; see programme.schema.json", reader.where(), mode,
+                                    mode, exercise.mode == kTrack ? "" : ", with targets"));
   } else if (paths != 1 || (reader.has("path") && exercise.path.empty())) {
     throw input_error(reader.where() + ": needs either a path (a file) or a shape");
   }
 }
 
-/// Reads the targets of mode reach. Its blocks state the number of repetitions, if it has any.
+/// Reads the settings of a mode with a cue. They state the number of repetitions, if they have blocks or tries.
 void read_reach(JsonReader& reader, Exercise& exercise) {
-  std::optional<JsonReader> reach = reader.object("reach");
-  if (!reach) return;
-  if (reach->has("blocks") && reader.has("repetitions"))
-    throw input_error(reader.where() + ".repetitions: the blocks state the number of reaches; remove one of the two");
-  exercise.reach = read_reach_task(*reach, exercise.repetitions);
+  const std::optional<ReachGoal> goal = goal_of(exercise.mode);
+  if (!goal) return;
+  std::optional<JsonReader> settings = reader.object(to_string(exercise.mode));
+  if (!settings) return;
+  const bool tries = goal == ReachGoal::range || goal == ReachGoal::press;
+  if ((tries || settings->has("blocks")) && reader.has("repetitions"))
+    throw input_error(fmt::format(
+        "{}.repetitions: {}; remove it", reader.where(),
+        tries ? "`tries` states the number of trials for each target" : "the blocks state the number of reaches"));
+  exercise.reach = read_reach_task(*settings, *goal, exercise.repetitions);
   exercise.repetitions = exercise.reach->reaches();
+}
+
+/// Reads the time limit, which a trial with a cue always has, and checks that the trial can end within it.
+void read_time_limit(JsonReader& reader, Exercise& exercise) {
+  exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
+  if (!exercise.reach) return;
+  const ReachTask& task = *exercise.reach;
+  if (!(exercise.time_limit > 0)) exercise.time_limit = usual_time_limit(task.goal);
+  const double limit = exercise.time_limit;
+  if ((task.goal == ReachGoal::target || task.goal == ReachGoal::range) && task.target_hold >= limit)
+    throw input_error(
+        fmt::format("{}: no reach can end within time_limit ({:g} s) with a target_hold of {:g} s; raise the limit",
+                    reader.where(), limit, task.target_hold));
+  if (task.goal == ReachGoal::press && limit < kShortestPress)
+    throw input_error(fmt::format("{}.time_limit: a press lasts {:g} s; at least {:g} s are needed", reader.where(),
+                                  limit, kShortestPress));
+  if (task.goal != ReachGoal::track) return;
+  // The sines must be told apart by a whole period of their differences, and the slowest must be seen once.
+  std::vector<double> lines = task.track.frequency;
+  lines.push_back(0);
+  std::sort(lines.begin(), lines.end());
+  double nearest = lines.back();
+  for (std::size_t i = 1; i < lines.size(); ++i) nearest = std::min(nearest, lines[i] - lines[i - 1]);
+  if (const double counted = limit - task.track.discard; !(counted * nearest >= 1))
+    throw input_error(fmt::format(
+        "{}: tracking lasts {:g} s, of which {:g} s are discarded; {:.0f} s are needed to tell sines apart that are "
+        "{:g} Hz from each other or from 0; raise time_limit, or choose other frequencies",
+        reader.where(), limit, task.track.discard, nearest > 0 ? std::ceil(1 / nearest) + task.track.discard : 0,
+        nearest));
 }
 
 Exercise read_exercise(JsonReader reader, const std::string& name) {
@@ -272,16 +332,11 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
 
   exercise.repetitions = reader.integer("repetitions", exercise.repetitions, 1, 10'000);
   read_reach(reader, exercise);
-  exercise.rest = reader.number("rest", exercise.rest, 0, 3600);
+  exercise.rest = reader.number("rest", exercise.mode == kPress ? kRestOfPress : exercise.rest, 0, 3600);
   exercise.rest_after = reader.number("rest_after", exercise.rest_after, 0, 3600);
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
   exercise.pace = reader.number("pace", exercise.pace, kLeastPace, kMostPace);
-  exercise.time_limit = reader.number("time_limit", exercise.time_limit, 0, 1e5);
-  if (exercise.reach && !(exercise.time_limit > 0)) exercise.time_limit = ReachTask::kTimeLimit;
-  if (exercise.reach && exercise.reach->target_hold >= exercise.time_limit)
-    throw input_error(
-        fmt::format("{}: no reach can end within time_limit ({:g} s) with a target_hold of {:g} s; raise the limit",
-                    reader.where(), exercise.time_limit, exercise.reach->target_hold));
+  read_time_limit(reader, exercise);
   exercise.states_radius = reader.has("radius");
   exercise.radius = reader.number("radius", exercise.radius, 0, kMostRadius);
   if (reader.has("stiffness")) exercise.stiffness = reader.number("stiffness", 0, kLeastStiffness, kMostStiffness);
@@ -353,6 +408,10 @@ const char* to_string(ExerciseMode mode) {
   return kModeNames.name(mode);
 }
 
+std::vector<std::string> exercise_modes() {
+  return kModeNames.list();
+}
+
 const char* to_string(TestLabel label) {
   return kTestNames.name(label);
 }
@@ -370,7 +429,7 @@ bool has_tunnel(const Exercise& exercise) {
     const std::optional<ShownShare>& share = exercise.show[static_cast<std::size_t>(part)];
     return share && (share->from > 0 || share->to > 0);
   };
-  if (exercise.mode == ExerciseMode::reach) return false;
+  if (exercise.reach) return false;
   return exercise.mode != ExerciseMode::free || exercise.states_radius || shows(ScreenPart::tunnel) ||
          shows(ScreenPart::score);
 }
@@ -380,7 +439,7 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
   const auto at = static_cast<std::size_t>(part);
   if (exercise.show[at]) return *exercise.show[at];
   const bool is_test =
-      exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free || exercise.mode == ExerciseMode::reach;
+      exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free || exercise.reach.has_value();
   if (is_test && part != ScreenPart::tool && part != ScreenPart::path) return {0, 0};
   return programme.show[at].value_or(ShownShare{});
 }
@@ -441,7 +500,7 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
 
 namespace {
 
-/// Returns the path from the start to each target and back.
+/// Returns the path from the start to each target and back. A target that moves goes to both sides of the start.
 Path path_of_reach(const ReachTask& task) {
   Path path{.name = "reach"};
   for (const Vec3& target : task.targets)
@@ -449,6 +508,10 @@ Path path_of_reach(const ReachTask& task) {
       path.time.push_back(static_cast<double>(path.time.size()));
       path.position.push_back(place);
     }
+  if (task.goal == ReachGoal::track) {
+    path.time.push_back(static_cast<double>(path.time.size()));
+    path.position.emplace_back(2 * task.start - task.targets.front());
+  }
   return path;
 }
 

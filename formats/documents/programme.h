@@ -25,10 +25,15 @@ enum class ExerciseMode {
   cursor,    ///< pulls towards a point that moves along the path
   resist,    ///< resists along the path, within a tunnel
   free,      ///< does nothing
-  reach,     ///< leaves the participant to reach for targets, within force fields and channels (ReachTask)
+  // With a cue (ReachTask):
+  reach,  ///< leaves the participant to reach for targets, within force fields and channels
+  range,  ///< leaves the participant to move as far as they can
+  press,  ///< holds the hand while the participant presses as hard as they can
+  track,  ///< leaves the participant to follow a moving target
 };
 
 const char* to_string(ExerciseMode mode);
+std::vector<std::string> exercise_modes();  ///< names of all modes
 
 /// A test is a trial that is compared with others of the same label: before training, after it, or days later.
 enum class TestLabel { none, before, after, retention };
@@ -98,7 +103,7 @@ struct Exercise {
   std::string name;
   std::string path;                     ///< a file, relative to the programme's folder; or
   std::optional<nlohmann::json> shape;  ///< a shape and its options; or
-  std::optional<ReachTask> reach;       ///< targets, in mode reach
+  std::optional<ReachTask> reach;       ///< targets, in a mode with a cue
   PathChange change;
   ExerciseMode mode = ExerciseMode::tunnel;
   TestLabel test = TestLabel::none;
@@ -178,12 +183,12 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
 /// one round. The repetitions that show a part are spread evenly, and the same ones in every run of the programme.
 ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int repetition);
 
-/// Returns the path of an exercise for the participant. That of a reaching exercise goes from the start to each target
-/// and back, a second each: sample 0 is the start, and sample 2 k + 1 the target k. Files are relative to `folder`.
-/// Throws Error(input).
+/// Returns the path of an exercise for the participant. That of an exercise with a cue goes from the start to each
+/// target and back, a second each: sample 0 is the start, and sample 2 k + 1 the target k. Files are relative to
+/// `folder`. Throws Error(input).
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder);
 
-/// Returns the linear part of the changes of a reaching exercise and its participant, without the scale.
+/// Returns the linear part of the changes of an exercise with a cue and its participant, without the scale.
 Eigen::Matrix3d turn_of(const Programme& programme, const Exercise& exercise);
 
 }  // namespace haptrace

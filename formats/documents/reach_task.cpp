@@ -4,6 +4,8 @@
 #include "base/json_reader.h"
 #include "control/path/shapes.h"
 
+#include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 #include <numbers>
 #include <numeric>
@@ -13,8 +15,11 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kFarthestPlace = 10;  // [m]
-constexpr double kLargestGain = 100;   // of a field [N s/m]
+constexpr double kFarthestPlace = 10;                    // [m]
+constexpr double kLargestGain = 100;                     // of a field [N s/m]
+constexpr double kShortestWay = 1e-3;                    // that has a direction [m]
+constexpr double kSlowestSine = 0.01, kFastestSine = 5;  // of a target that moves [Hz]
+constexpr std::size_t kMostSines = 12;
 
 /// Reads a list of rows of numbers, all of the same length. `size` rows, or any number if it is 0.
 std::vector<std::vector<double>> read_rows(const JsonReader& reader, const char* key, const json& value,
@@ -124,6 +129,77 @@ void check_targets(const JsonReader& reader, const ReachTask& task) {
   }
 }
 
+/// Throws Error(input) naming the target that is in the start, so that it has no direction.
+void check_directions(const JsonReader& reader, const ReachTask& task) {
+  for (std::size_t i = 0; i < task.targets.size(); ++i)
+    if (!((task.targets[i] - task.start).norm() >= kShortestWay))
+      throw input_error(
+          fmt::format("{}.targets[{}]: is in the start, which is no direction; move it", reader.where(), i));
+}
+
+/// Reads the line of the moving target, and its sines.
+void read_track(JsonReader& reader, ReachTask& task) {
+  const Vec3 axis = reader.vector("axis", plane_axes(task.plane).first, -1, 1);
+  if (!(axis.norm() > kShortestWay)) throw input_error(reader.where() + ".axis: has no length, so it is no direction");
+  const double amplitude = reader.number("amplitude", 0.04, kShortestWay, 1);
+  task.targets = {task.start + amplitude * axis.normalized()};
+  task.track.frequency = {0.1, 0.17, 0.31, 0.53, 0.79};
+  if (reader.has("frequencies")) {
+    const json value = reader.value("frequencies");
+    const bool list = value.is_array() && !value.empty() && value.size() <= kMostSines &&
+                      std::all_of(value.begin(), value.end(), [](const json& f) {
+                        return f.is_number() && f.get<double>() >= kSlowestSine && f.get<double>() <= kFastestSine;
+                      });
+    if (!list)
+      throw input_error(fmt::format("{}.frequencies: must be a list of 1 to {} numbers from {:g} to {:g} Hz",
+                                    reader.where(), kMostSines, kSlowestSine, kFastestSine));
+    task.track.frequency = value.get<std::vector<double>>();
+  }
+  task.track.discard = reader.number("discard", task.track.discard, TrackSignal::kFadeIn, 60);
+  // Phases that no pattern shares with another one: multiples of the golden section.
+  const int pattern = reader.integer("pattern", 1, 1, 10'000);
+  constexpr double kGolden = 0.6180339887498949;
+  for (std::size_t k = 0; k < task.track.frequency.size(); ++k)
+    task.track.phase.push_back(2 * std::numbers::pi * std::fmod(kGolden * pattern * static_cast<double>(k + 1), 1.0));
+}
+
+void read_clamp(JsonReader& reader, ReachTask::Clamp& clamp) {
+  if (reader.has("stiffness")) clamp.stiffness = reader.number("stiffness", 0, 1, 1e5);
+  clamp.damping = reader.number("damping", clamp.damping, 0, 1000);
+  clamp.break_out = reader.number("break_out", clamp.break_out, 1e-3, 0.5);
+}
+
+/// Reads the lock of a press.
+void read_lock(JsonReader& reader, ReachTask& task) {
+  task.locked = reader.boolean("locked", task.locked);
+  if (task.locked)
+    for (const char* key : {"stiffness", "damping", "break_out", "energy"})
+      if (reader.has(key))
+        throw input_error(
+            fmt::format("{}.{}: a handle that is locked needs no force; remove it, or locked", reader.where(), key));
+  read_clamp(reader, task.clamp);
+  task.energy = reader.number("energy", task.energy, 0.01, 10);
+}
+
+/// Reads what only reaches to a target have.
+void read_fields_and_blocks(JsonReader& reader, ReachTask& task, int repetitions) {
+  task.target_radius = reader.number("target_radius", task.target_radius, 1e-3, 0.1);
+  check_targets(reader, task);
+  task.energy = reader.number("energy", task.energy, 0.01, 10);
+  if (std::optional<JsonReader> field = reader.object("field")) task.field = read_field(*field, task.plane);
+  if (std::optional<JsonReader> clamp = reader.object("clamp")) {
+    read_clamp(*clamp, task.clamp);
+    clamp->finish();
+  }
+  if (!reader.has("blocks")) {
+    task.blocks.push_back({.name = "", .reaches = repetitions});
+    return;
+  }
+  for (JsonReader& block : reader.objects("blocks"))
+    task.blocks.push_back(read_block(block, task.blocks.size() + 1, task.field.has_value()));
+  if (task.blocks.empty()) throw input_error(reader.where() + ".blocks: needs at least one block");
+}
+
 void read_start_hold(JsonReader& reader, ReachTask& task) {
   if (!reader.has("start_hold")) return;
   constexpr double kLongestHold = 10;  // [s]
@@ -154,32 +230,41 @@ int ReachTask::reaches() const {
                          [](int sum, const ReachBlock& block) { return sum + block.reaches; });
 }
 
-ReachTask read_reach_task(JsonReader reader, int repetitions) {
-  ReachTask task;
+double usual_time_limit(ReachGoal goal) {
+  switch (goal) {
+    case ReachGoal::range:
+      return 10;
+    case ReachGoal::press:
+      return 3;
+    case ReachGoal::track:
+      return 40;
+    default:
+      return 3;
+  }
+}
+
+ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions) {
+  ReachTask task{.goal = goal};
   task.start = reader.vector("start", task.start, -kFarthestPlace, kFarthestPlace);
   task.plane = reader.choice("plane", task.plane, std::vector<std::string>{"xy", "yz", "zx"});
-  task.targets = read_targets(reader, task);
   task.start_radius = reader.number("start_radius", task.start_radius, 1e-3, 0.1);
-  task.target_radius = reader.number("target_radius", task.target_radius, 1e-3, 0.1);
-  check_targets(reader, task);
+  if (goal == ReachGoal::track)
+    read_track(reader, task);
+  else
+    task.targets = read_targets(reader, task);
   read_start_hold(reader, task);
-  task.target_hold = reader.number("target_hold", task.target_hold, 0, 10);
   task.pull = reader.boolean("pull", task.pull);
-  task.energy = reader.number("energy", task.energy, 0.01, 10);
-  if (std::optional<JsonReader> field = reader.object("field")) task.field = read_field(*field, task.plane);
-  if (std::optional<JsonReader> clamp = reader.object("clamp")) {
-    if (clamp->has("stiffness")) task.clamp.stiffness = clamp->number("stiffness", 0, 1, 1e5);
-    task.clamp.damping = clamp->number("damping", task.clamp.damping, 0, 1000);
-    task.clamp.break_out = clamp->number("break_out", task.clamp.break_out, 1e-3, 0.5);
-    clamp->finish();
-  }
-  if (reader.has("blocks")) {
-    for (JsonReader& block : reader.objects("blocks"))
-      task.blocks.push_back(read_block(block, task.blocks.size() + 1, task.field.has_value()));
-    if (task.blocks.empty()) throw input_error(reader.where() + ".blocks: needs at least one block");
-  } else {
+  if (goal == ReachGoal::target || goal == ReachGoal::range)
+    task.target_hold = reader.number("target_hold", task.target_hold, 0, 10);
+  if (goal == ReachGoal::range || goal == ReachGoal::press) {
+    check_directions(reader, task);
+    const int tries = reader.integer("tries", 3, 1, 1000);
+    task.blocks.push_back({.name = "", .reaches = tries * static_cast<int>(task.targets.size())});
+  } else if (goal == ReachGoal::track) {
     task.blocks.push_back({.name = "", .reaches = repetitions});
   }
+  if (goal == ReachGoal::press) read_lock(reader, task);
+  if (goal == ReachGoal::target) read_fields_and_blocks(reader, task, repetitions);
   reader.finish();
   return task;
 }
@@ -194,6 +279,9 @@ ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const
                                 .lateral = turn * left,
                                 .start_radius = task.start_radius,
                                 .target_radius = task.target_radius},
+                   .goal = task.goal,
+                   .hold = task.target_hold,
+                   .track = task.track,
                    .kind = planned.kind,
                    .field_block = task.blocks.at(static_cast<std::size_t>(planned.block)).field};
   if (task.field) trial.field = turn * *task.field * turn.transpose();
@@ -202,7 +290,9 @@ ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const
 
 std::string describe(const ReachTask& task, const PlannedReach& planned) {
   const ReachBlock& block = task.blocks.at(static_cast<std::size_t>(planned.block));
-  std::string text = fmt::format("target {} of {}", planned.target + 1, task.targets.size());
+  if (task.goal == ReachGoal::track) return "tracking";
+  std::string text = fmt::format("{} {} of {}", task.goal == ReachGoal::target ? "target" : "direction",
+                                 planned.target + 1, task.targets.size());
   if (!block.name.empty()) text += ", " + block.name;
   if (planned.kind != ReachKind::plain) text += fmt::format(", {}", to_string(planned.kind));
   return text;
@@ -226,11 +316,57 @@ PlannedReach planned_reach_from(JsonReader reader) {
 
 json json_of(const ReachTrial& trial) {
   const ReachGeometry& geometry = trial.geometry;
-  return {{"start_m", json_of(geometry.start)},        {"target_m", json_of(geometry.target)},
-          {"lateral", json_of(geometry.lateral)},      {"start_radius_m", geometry.start_radius},
-          {"target_radius_m", geometry.target_radius}, {"kind", to_string(trial.kind)},
-          {"field_n_s_per_m", json_of(trial.field)},   {"field_block", trial.field_block}};
+  json result{{"start_m", json_of(geometry.start)},        {"target_m", json_of(geometry.target)},
+              {"lateral", json_of(geometry.lateral)},      {"start_radius_m", geometry.start_radius},
+              {"target_radius_m", geometry.target_radius}, {"kind", to_string(trial.kind)},
+              {"field_n_s_per_m", json_of(trial.field)},   {"field_block", trial.field_block}};
+  if (trial.goal == ReachGoal::target) return result;
+  result["goal"] = to_string(trial.goal);
+  if (trial.goal == ReachGoal::range) {
+    result["hold_s"] = trial.hold;
+    if (is_finite(trial.workspace.min) && is_finite(trial.workspace.max))
+      result["workspace_m"] = {json_of(trial.workspace.min), json_of(trial.workspace.max)};
+  }
+  if (trial.goal == ReachGoal::press) result["largest_n"] = trial.largest;
+  if (trial.goal == ReachGoal::track)
+    result["track"] = {{"frequencies_hz", trial.track.frequency},
+                       {"phases_rad", trial.track.phase},
+                       {"discard_s", trial.track.discard}};
+  return result;
 }
+
+namespace {
+
+/// Reads what depends on the goal.
+void read_goal(JsonReader& reader, ReachTrial& trial) {
+  trial.goal = parse_reach_goal(reader.text("goal", to_string(ReachGoal::target)));
+  trial.hold = reader.number("hold_s", trial.hold, 0, 3600);
+  trial.largest = reader.number("largest_n", 0, 0, 1e6);
+  if (reader.has("workspace_m")) {
+    const auto corners = read_rows(reader, "workspace_m", reader.value("workspace_m"), 3, kFarthestPlace);
+    if (corners.size() != 2) throw input_error(reader.where() + ".workspace_m: must have 2 corners");
+    trial.workspace = {.min = Vec3(corners[0].data()), .max = Vec3(corners[1].data())};
+  }
+  if (std::optional<JsonReader> track = reader.object("track")) {
+    const auto list = [&](const char* key) {
+      const json value = track->require(key).value(key);
+      if (!value.is_array() || value.empty() || value.size() > kMostSines ||
+          !std::all_of(value.begin(), value.end(), [](const json& number) { return number.is_number(); }))
+        throw input_error(fmt::format("{}.{}: must be a list of 1 to {} numbers", track->where(), key, kMostSines));
+      return value.get<std::vector<double>>();
+    };
+    trial.track = {.frequency = list("frequencies_hz"),
+                   .phase = list("phases_rad"),
+                   .discard = track->number("discard_s", trial.track.discard, 0, 3600)};
+    track->finish();
+    if (trial.track.frequency.size() != trial.track.phase.size())
+      throw input_error(track->where() + ": needs a phase for each frequency");
+  }
+  if (trial.goal == ReachGoal::track && trial.track.frequency.empty())
+    throw input_error(reader.where() + ".track: is missing, but the goal is track");
+}
+
+}  // namespace
 
 ReachTrial reach_trial_from(JsonReader reader) {
   ReachTrial trial;
@@ -247,6 +383,7 @@ ReachTrial reach_trial_from(JsonReader reader) {
   for (std::size_t i = 0; i < 9; ++i)
     trial.field(static_cast<Eigen::Index>(i / 3), static_cast<Eigen::Index>(i % 3)) = rows[i / 3][i % 3];
   trial.field_block = reader.boolean("field_block", false);
+  read_goal(reader, trial);
   reader.finish();
   return trial;
 }

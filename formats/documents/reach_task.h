@@ -1,4 +1,4 @@
-// Reaching exercises of a programme: places, force field, error clamp and blocks.
+// Exercises of a programme that have a cue: reaches with force field and error clamp, range of motion, press, tracking.
 #pragma once
 
 #include "control/reaching.h"
@@ -21,18 +21,17 @@ struct ReachBlock {
   double catches = 0;  ///< share of catch trials; only in a block with the field
 };
 
-/// Reaching from a start to one of several targets and holding there. Places are in the coordinates of the exercise.
+/// From a start to one of several targets, or in their directions. Places are in the coordinates of the exercise.
 struct ReachTask {
-  static constexpr double kTimeLimit = 3;  ///< of a reach whose exercise states none [s]
-
+  ReachGoal goal = ReachGoal::target;
   Vec3 start = Vec3::Zero();      ///< [m]
-  std::vector<Vec3> targets;      ///< [m], at least one
+  std::vector<Vec3> targets;      ///< [m], at least one; of a range and a press, a place in each direction
   std::string plane = "xy";       ///< of the lateral deviation and of the field
   double start_radius = 6e-3;     ///< [m]
   double target_radius = 8e-3;    ///< [m]
   double least_start_hold = 0.5;  ///< hold in the start before the cue, drawn between these two [s]
   double most_start_hold = 1;
-  double target_hold = 0.5;              ///< hold in the target that ends a reach [s]
+  double target_hold = 0.5;              ///< hold in the target, or at the farthest place, that ends a reach [s]
   bool pull = false;                     ///< the device leads the hand back to the start
   std::optional<Eigen::Matrix3d> field;  ///< B of F = B v [N s/m]
   double energy = 0.5;                   ///< that field and clamp may give in one reach [J], see ReachForces
@@ -42,16 +41,22 @@ struct ReachTask {
     double damping = 3;               ///< [N s/m]
     double break_out = 0.03;          ///< see ClampOptions [m]
   };
-  Clamp clamp;
+  Clamp clamp;                     ///< the lock, in a press
+  bool locked = false;             ///< press: the handle is locked mechanically, and a force sensor measures
+  TrackSignal track;               ///< track: movement of the target, as a share of the way to the one target
   std::vector<ReachBlock> blocks;  ///< at least one
 
   /// Returns the number of reaches of all blocks.
   [[nodiscard]] int reaches() const;
 };
 
-/// Reads the object `reach` of an exercise. Without blocks, the task has one block of `repetitions` reaches without a
-/// name. Throws Error(input) naming the key.
-ReachTask read_reach_task(JsonReader reader, int repetitions);
+/// Returns the time limit of a trial whose exercise states none [s]; a press and tracking last as long.
+double usual_time_limit(ReachGoal goal);
+
+/// Reads the object `reach`, `range`, `press` or `track` of an exercise. Without blocks, the task has one block without
+/// a name: of `tries` for each target of a range and a press, else of `repetitions`. Throws Error(input) naming the
+/// key.
+ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions);
 
 /// One reach of the schedule.
 struct PlannedReach {

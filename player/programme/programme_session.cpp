@@ -9,6 +9,7 @@
 #include "control/path/min_jerk.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
+#include "metrics/assessment_summary.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
@@ -116,9 +117,12 @@ double time_limit_of(const Exercise& exercise, double path_duration) {
 double expected_time(const Exercise& exercise, const Path& path) {
   if (exercise.reach) {
     const ReachTask& task = *exercise.reach;
-    constexpr double kReaction = 0.3, kBack = 1;  // [s]
-    return kBack + 0.5 * (task.least_start_hold + task.most_start_hold) + kReaction + kUsualReach + task.target_hold +
-           exercise.hold;
+    constexpr double kReaction = 0.3, kBack = 1, kUsualRange = 2;  // [s]
+    const double before = kBack + 0.5 * (task.least_start_hold + task.most_start_hold);
+    if (task.goal == ReachGoal::press || task.goal == ReachGoal::track)
+      return before + exercise.time_limit + exercise.hold;
+    const double movement = task.goal == ReachGoal::range ? kUsualRange : kUsualReach;
+    return before + kReaction + movement + task.target_hold + exercise.hold;
   }
   const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
                         exercise.mode == ExerciseMode::cursor;
@@ -152,11 +156,19 @@ std::string movement_file(const std::string& path, int target) {
       .string();
 }
 
-/// Returns a minimum-jerk movement from the start to a target. A simulated hand can intend it.
-Path movement_to(const Path& places, int target) {
+/// Returns a minimum-jerk movement from the start to a target, or that of the target itself. A simulated hand can
+/// intend it.
+Path movement_to(const Exercise& exercise, const Path& places, int target) {
   constexpr double kStep = 0.01;  // [s]
   const Vec3 start = places.position.front(), way = places.position.at(place_of_target(target)) - start;
   Path path{.name = fmt::format("target {}", target + 1)};
+  if (exercise.reach->goal == ReachGoal::track) {
+    for (int i = 0; i * kStep <= exercise.time_limit; ++i) {
+      path.time.push_back(i * kStep);
+      path.position.push_back(start + exercise.reach->track.at(i * kStep) * way);
+    }
+    return path;
+  }
   for (int i = 0; i * kStep <= kUsualReach + 0.5 * kStep; ++i) {
     path.time.push_back(i * kStep);
     path.position.push_back(start + MinJerk::at(i * kStep / kUsualReach).s * way);
@@ -486,8 +498,9 @@ class ProgrammeRun {
   void measure(LoggedTrial& trial) {
     if (!trial.done() || trial.skipped()) return;
     trial.figures = figures_of(trial);
-    if (trial.figures.is_object() && trial.figures.contains("refused"))
-      trial.notices.push_back(trial.figures["refused"].get<std::string>());
+    for (const char* key : {"refused", "at_limit"})
+      if (trial.figures.is_object() && trial.figures.contains(key))
+        trial.notices.push_back(trial.figures[key].get<std::string>());
     if (measures(trial)) states_[trial.exercise].learn(trial);
   }
 
@@ -558,6 +571,9 @@ class ProgrammeRun {
       case ExerciseMode::passive:
         return move(device, exercise, trial, watch, stop);
       case ExerciseMode::reach:
+      case ExerciseMode::range:
+      case ExerciseMode::press:
+      case ExerciseMode::track:
         return reach_target(device, exercise, trial, watch, stop);
       default:
         return guide_trial(device, exercise, trial, watch, stop);
@@ -587,6 +603,7 @@ class ProgrammeRun {
                         const StopRequest& stop) {
     const ReachTask& task = *exercise.reach;
     ReachOptions options{.trial = *trial.places,
+                         .locked = task.locked,
                          .course = {.start_hold = trial.reach->start_hold,
                                     .target_hold = task.target_hold,
                                     .time_limit = exercise.time_limit,
@@ -602,10 +619,12 @@ class ProgrammeRun {
                          .identified = identified_,
                          .sinks = {&watch},
                          .live = options_.live};
-    options.session = session_for(device.info(), exercise, trial, watch,
-                                  {{"verb", "run"}, {"mode", "reach"}, {"reach", json_of(*trial.places)}});
-    if (options_.live != nullptr) options_.live->begin_unguided("no tunnel and no help act in a reach");
+    if (options_.live != nullptr) options_.live->begin_unguided("no tunnel and no help act in this exercise");
     const ReachPlan plan = plan_reach(device.info(), options);
+    options.trial = plan.trial;
+    options.session =
+        session_for(device.info(), exercise, trial, watch,
+                    {{"verb", "run"}, {"mode", to_string(exercise.mode)}, {"reach", json_of(plan.trial)}});
     warn_once(options.session, Severity::note, plan.notes);
     warn_once(options.session, Severity::warning, plan.warnings);
     TrialRun run{reach(device, plan, options, stop, progress_), {}, {}, {}};
@@ -815,7 +834,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     if (exercise.path.empty() || first == plan.parts.end())
       for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
     if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
-    if (exercise.reach) check_scaled_targets(exercise, path, where);
+    if (exercise.reach && exercise.reach->goal == ReachGoal::target) check_scaled_targets(exercise, path, where);
     if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
       throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,
                                     exercise.name, to_string(exercise.mode)));
@@ -884,7 +903,8 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
       save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
       if (!read.exercise(i).reach) continue;
       for (int target = 0; target < static_cast<int>(read.exercise(i).reach->targets.size()); ++target)
-        save_path(movement_to(plan.paths[i], target), (folder / movement_file(log.paths.back(), target)).string(),
+        save_path(movement_to(read.exercise(i), plan.paths[i], target),
+                  (folder / movement_file(log.paths.back(), target)).string(),
                   fmt::format("{}, target {}", name, target + 1), false);
     }
     if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
@@ -943,10 +963,13 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"reach", trial.reach ? json_of(*trial.reach) : nlohmann::json()},
                               {"unattended", trial.unattended},
                               {"figures", trial.figures}});
-  for (std::size_t i = 0; i < programme.size(); ++i)
-    if (programme.exercise(i).reach)
-      json["reaching"].push_back(
-          {{"exercise", programme.exercise(i).name}, {"blocks", to_json(summarise_blocks(programme, i, log))}});
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    const std::string& name = programme.exercise(i).name;
+    if (programme.exercise(i).mode == ExerciseMode::reach)
+      json["reaching"].push_back({{"exercise", name}, {"blocks", to_json(summarise_blocks(programme, i, log))}});
+    if (const std::optional<AssessmentSummary> summary = summarise_assessment(programme, i, log))
+      json["assessments"].push_back({{"exercise", name}, {"result", to_json(*summary)}});
+  }
   if (!log.sittings.empty()) {
     const Sitting& sitting = log.sittings.back();
     json["sitting"] = {

@@ -22,10 +22,12 @@ void check_course(const char* what, double value, double least, double most, con
 
 }  // namespace
 
-ReachController::ReachController(const ReachGeometry& geometry, const ReachForces::Options& forces,
-                                 const ReachCourse& course, const PdGains& pull, const HandWatchOptions& hand)
-    : geometry_(geometry),
-      forces_(geometry, forces),
+ReachController::ReachController(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,
+                                 const PdGains& pull, const HandWatchOptions& hand)
+    : geometry_(trial.geometry),
+      goal_(trial.goal),
+      track_(trial.track),
+      forces_(trial.geometry, forces),
       course_(course),
       pull_gains_(pull),
       hand_(hand),
@@ -37,7 +39,10 @@ ReachController::ReachController(const ReachGeometry& geometry, const ReachForce
   check_course("the pause after a reach", course.hold, 0, 3600, "s");
   check_course("the speed of the approach", course.approach_speed, 1e-3, 10, "m/s");
   check_course("the largest deviation", course.max_deviation, 1e-3, 100, "m");
-  if (const std::string why = too_near(geometry.distance(), geometry.start_radius, geometry.target_radius);
+  if (goal_ == ReachGoal::track && (track_.frequency.empty() || track_.frequency.size() != track_.phase.size()))
+    throw input_error("the movement of the target needs at least one sine, and a phase for each");
+  if (goal_ != ReachGoal::target) return;
+  if (const std::string why = too_near(geometry_.distance(), geometry_.start_radius, geometry_.target_radius);
       !why.empty())
     throw input_error(fmt::format("a target {}; move it, or make the radii smaller", why));
 }
@@ -60,6 +65,7 @@ void ReachController::begin_approach(const Vec3& from) noexcept {
   arrived_ = false;
   pull_ = Ramp(0);
   held_ = away_ = empty_ = 0;
+  steady_ = nan3();
   told_broken_ = told_empty_ = false;
 }
 
@@ -98,18 +104,35 @@ void ReachController::advance_start(const State& state, Command& command) noexce
     end_run(command, false, geometry_.start);  // the reach did not begin
   } else if (held_ >= course_.start_hold && arrived_) {
     held_ = 0;
+    forces_.hold_anew();
     phases_.end_approach();
     command.event = phases_.repetition_event();
   }
 }
 
+bool ReachController::holds(const Vec3& position) noexcept {
+  if (goal_ == ReachGoal::target) return norm_of(position - geometry_.target) <= geometry_.target_radius;
+  if (goal_ != ReachGoal::range) return false;
+  const bool stays = norm_of(position - steady_) <= kSteady;
+  if (!stays) steady_ = position;
+  return stays && norm_of(position - geometry_.start) > geometry_.start_radius;
+}
+
 void ReachController::advance_run(const State& state, Command& command) noexcept {
-  const bool inside = norm_of(state.position - geometry_.target) <= geometry_.target_radius;
+  const bool inside = holds(state.position), over = phases_.elapsed() >= course_.time_limit;
   held_ = inside ? held_ + std::min(state.dt, kLongestReachStep / course_.rate_hz) : 0;
-  if (inside && held_ >= course_.target_hold)
+  const bool lasts = goal_ == ReachGoal::press || goal_ == ReachGoal::track;
+  if ((inside && held_ >= course_.target_hold) || (lasts && (over || forces_.broken() || forces_.lets_go())))
     end_run(command, true, state.position);
-  else if (phases_.elapsed() >= course_.time_limit)
+  else if (over)
     end_run(command, false, state.position);
+}
+
+Vec3 ReachController::goal() const noexcept {
+  if (phases_.phase() == Phase::approach || goal_ == ReachGoal::press) return geometry_.start;
+  if (goal_ != ReachGoal::track) return geometry_.target;
+  const double time = phases_.phase() == Phase::run ? phases_.elapsed() : course_.time_limit;
+  return geometry_.start + track_.at(time) * (geometry_.target - geometry_.start);
 }
 
 void ReachController::advance(const State& state, Command& command) noexcept {
@@ -149,9 +172,8 @@ bool ReachController::add_pull(const State& state, Command& command) noexcept {
 void ReachController::watch_forces(const State& state, Command& command) noexcept {
   if (command.event) return;
   if (forces_.broken() && !std::exchange(told_broken_, true)) {
-    const Vec3 off = geometry_.across(state.position - geometry_.start);
-    command.event =
-        Event{.code = EventCode::deviation_over, .values = {norm_of(off), forces_.options().clamp->break_out, 1}};
+    const double off = norm_of(forces_.off(state.position - geometry_.start));
+    command.event = Event{.code = EventCode::deviation_over, .values = {off, forces_.options().clamp->break_out, 1}};
     return;
   }
   const double share = forces_.options().clamp ? 1 : forces_.tank().share();
@@ -164,8 +186,7 @@ Command ReachController::update(const State& state) noexcept {
   Command command;
   advance(state, command);
   const Phase phase = phases_.phase();
-  const Vec3& goal = phase == Phase::approach ? geometry_.start : geometry_.target;
-  command.reference = {.position = goal, .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
+  command.reference = {.position = goal(), .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
   const bool pulled = add_pull(state, command);
   const bool holds = phase == Phase::approach && arrived_ && !leads_;
   const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));

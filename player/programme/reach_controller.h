@@ -1,4 +1,4 @@
-// Controller of one reach from a start to a target.
+// Controller of one trial with a cue: a reach to a target, a range of motion, a press against a lock, or tracking.
 #pragma once
 
 #include "control/controller.h"
@@ -16,8 +16,8 @@ namespace haptrace {
 /// Course of one reach.
 struct ReachCourse {
   double start_hold = 0.75;     ///< hold in the start before the cue [s]
-  double target_hold = 0.5;     ///< hold in the target that ends the reach [s]
-  double time_limit = 3;        ///< from the cue [s]
+  double target_hold = 0.5;     ///< hold in the target, or at the farthest place, that ends the reach [s]
+  double time_limit = 3;        ///< from the cue [s]; a press and tracking end at it
   double hold = 0.5;            ///< pause at the end [s]
   bool pull = false;            ///< a force leads the hand to the start; else the participant finds it
   double approach_speed = 0.1;  ///< of that force's reference, at its peak [m/s]
@@ -30,12 +30,18 @@ struct ReachCourse {
 /// approach: the hand moves to the start. With `pull`, a PD law along a minimum-jerk movement leads it there, rises and
 /// falls within kBlend, and is off before the hold in the start counts. A hand that leaves the start for kAway is led
 /// back. The hold must be whole: a hand that leaves the start too early begins it again.
-/// run: begins with the cue to go. It ends when the hand has stayed in the target for its hold, or at the time limit.
+/// run: begins with the cue to go. By ReachGoal,
+///   - target: it ends when the hand has stayed in the target for its hold;
+///   - range: it ends when the hand, out of the start, has stayed within kSteady of a place for that hold;
+///   - press: it ends at the time limit, when the hand has broken the lock, or when the lock has held for so long that
+///     its force decays;
+///   - track: the reference is the moving target; it ends at the time limit.
+///   A target and a range that were not held end at the time limit, as trials whose time is over.
 /// hold: the pause at the end, without force.
 ///
-/// A clamp comes on in the start and is complete before the cue if the hold is as long as its rise. A field comes on
-/// with the cue: on a light hand that rests, a late estimate of the velocity would let it grow by itself. A pause takes
-/// all forces away; after it the reach starts again with the approach. So it does after a gap.
+/// A clamp, or the lock of a press, comes on in the start and is complete before the cue if the hold is as long as its
+/// rise. A field comes on with the cue: on a light hand that rests, a late estimate of the velocity would let it grow
+/// by itself. A pause takes all forces away; after it the reach starts again with the approach. So it does after a gap.
 /// If the hand is not in the start after kLongestStart, the reach ends as one whose time is over.
 ///
 /// Real-time: all but the constructor.
@@ -45,9 +51,10 @@ class ReachController final : public Controller {
   static constexpr double kAway = 1;           ///< [s]
   static constexpr double kLongestStart = 60;  ///< [s]
   static constexpr double kEmptyLasts = 0.1;   ///< an event reports an energy tank that is empty for so long [s]
+  static constexpr double kSteady = 5e-3;      ///< distance within which a hand at its farthest place stays [m]
 
   /// Throws Error(input) that names the value that is out of its range.
-  ReachController(const ReachGeometry& geometry, const ReachForces::Options& forces, const ReachCourse& course,
+  ReachController(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,
                   const PdGains& pull, const HandWatchOptions& hand);
 
   /// Obeys the requests that arrive in `requests`, which must outlive the controller. Before start.
@@ -68,12 +75,17 @@ class ReachController final : public Controller {
   void advance_start(const State& state, Command& command) noexcept;
   void advance_run(const State& state, Command& command) noexcept;
   void end_run(Command& command, bool reached, const Vec3& position) noexcept;
+  /// Returns true if the hand is where the goal asks it to hold.
+  [[nodiscard]] bool holds(const Vec3& position) noexcept;
+  [[nodiscard]] Vec3 goal() const noexcept;
   /// Adds the force that leads to the start. Returns true if it acts.
   bool add_pull(const State& state, Command& command) noexcept;
   /// Reports a broken channel, and an energy tank that weakens the field.
   void watch_forces(const State& state, Command& command) noexcept;
 
   ReachGeometry geometry_;
+  ReachGoal goal_;
+  TrackSignal track_;
   ReachForces forces_;
   ReachCourse course_;
   PdGains pull_gains_;
@@ -86,7 +98,8 @@ class ReachController final : public Controller {
   bool leads_ = false;    ///< the pull is on
   bool arrived_ = false;  ///< the hand has been in the start since the approach began
   double waited_ = 0;     ///< time of the approach, leading back included [s]
-  double held_ = 0;       ///< time in the start, then in the target [s]
+  double held_ = 0;       ///< time in the start, then in the target or near `steady_` [s]
+  Vec3 steady_ = nan3();  ///< range: where the hand last came to stay [m]
   double away_ = 0;       ///< time out of the start [s]
   double empty_ = 0;      ///< [s]
   bool told_broken_ = false, told_empty_ = false;

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/hand_watch.h"
 #include "control/pd.h"
+#include "player/device_path.h"
 #include "player/guidance/guide.h"
 #include "player/guidance/live_guidance.h"
 
@@ -18,6 +19,7 @@ constexpr double kPullShare = 0.5;                // of the cautious gains: the 
 constexpr double kSlowestRise = 1.5;              // of a clamp [s]
 constexpr double kStrongestShare = 0.8;           // of the device's peak force
 constexpr double kUsualForce = 5;                 // of a device whose peak force is unknown [N]
+constexpr double kGivesMore = 1.5;                // break-out of a lock, in its deflection at the largest force
 constexpr double kWorkless = 0.1;                 // share of the energy for a field that does no work
 constexpr double kLeastArm = 50, kMostArm = 400;  // stiffness of an arm [N/m]
 
@@ -36,7 +38,8 @@ double largest_stable_damping(const std::optional<IdentifiedDevice>& identified,
   return 0.5 * mass / (delay + 0.5 / rate_hz + kEstimate);
 }
 
-void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
+/// Returns a channel that is stable on the device, with warnings if it is softer than what was asked for.
+ClampOptions stable_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
   const double stable = largest_stable_stiffness(options.identified, options.session.loop.rate_hz, plan.forces.delay);
   ClampOptions clamp{.stiffness = options.clamp_stiffness.value_or(stable),
                      .damping = options.clamp_damping,
@@ -54,6 +57,11 @@ void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan
         clamp.damping, most, options.identified ? "" : "; calibrate the device to allow more"));
     clamp.damping = most;
   }
+  return clamp;
+}
+
+void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
+  const ClampOptions clamp = stable_clamp(device, options, plan);
   const auto share = [&](double arm) { return 100 * clamp.stiffness / (clamp.stiffness + arm); };
   plan.notes.push_back(
       fmt::format("an error clamp of {:.0f} N/m shows {:.0f} to {:.0f} % of the true adaptation, for arms of {:.0f} to "
@@ -62,21 +70,53 @@ void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan
   plan.forces.clamp = clamp;
 }
 
-/// Returns the circle of the start, the line to the target, and its circle, for a view.
-FollowedPath shown_path(const ReachGeometry& geometry) {
+/// Plans the lock of a press, or checks that a locked handle can be measured.
+void plan_lock(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
+  if (options.locked) {
+    if (!device.measures_force)
+      throw input_error(
+          fmt::format("{} has no force sensor, so nothing measures a press against a locked handle: remove locked, or "
+                      "use a device with a sensor",
+                      device.model));
+    return;
+  }
+  ClampOptions lock = stable_clamp(device, options, plan);
+  lock.locks = true;
+  plan.trial.largest = plan.forces.max_force;
+  // The spring gives way by this much at its largest force.
+  const double given = plan.forces.max_force / lock.stiffness;
+  lock.break_out = std::max(lock.break_out, kGivesMore * given);
+  plan.notes.push_back(fmt::format(
+      "the lock has {:.2g} N, at which the hand is {:.0f} mm from its start; a stronger press is reported as "
+      "a lower bound{}",
+      plan.forces.max_force, 1e3 * given,
+      device.measures_force ? "" : "; without a force sensor, the friction of the device counts as force"));
+  plan.forces.clamp = lock;
+}
+
+/// Returns what a view draws: the circle of the start, the line in the direction of the target, and by the goal its
+/// circle, or the whole line on which it moves.
+FollowedPath shown_path(const ReachTrial& trial) {
   constexpr int kPoints = 48;
-  FollowedPath followed{.mode = "reach"};
+  const ReachGeometry& geometry = trial.geometry;
+  FollowedPath followed{.mode = to_string(trial.goal)};
   const Vec3 along = geometry.along();
+  const auto add = [&](const Vec3& place) {
+    followed.time.push_back(static_cast<double>(followed.time.size()));
+    followed.position.push_back(place);
+  };
   const auto circle = [&](const Vec3& centre, double radius, double sign) {
     for (int i = 0; i <= kPoints; ++i) {
       const double angle = 2 * std::numbers::pi * i / kPoints;
-      followed.time.push_back(static_cast<double>(followed.time.size()));
-      followed.position.push_back(centre +
-                                  sign * radius * (std::cos(angle) * along + std::sin(angle) * geometry.lateral));
+      add(centre + sign * radius * (std::cos(angle) * along + std::sin(angle) * geometry.lateral));
     }
   };
+  if (trial.goal == ReachGoal::track) add(2 * geometry.start - geometry.target);
   circle(geometry.start, geometry.start_radius, 1);
-  circle(geometry.target, geometry.target_radius, -1);
+  if (trial.goal == ReachGoal::target)
+    circle(geometry.target, geometry.target_radius, -1);
+  else
+    add(geometry.target);
   return followed;
 }
 
@@ -84,16 +124,19 @@ FollowedPath shown_path(const ReachGeometry& geometry) {
 
 ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
   const ReachTrial& trial = options.trial;
-  ReachPlan plan;
+  ReachPlan plan{.trial = trial, .forces = {}, .notes = {}, .warnings = {}};
+  if (trial.goal == ReachGoal::range) plan.trial.workspace = workspace_of(device);
   plan.forces.max_force = largest_force(device, options.session);
   plan.forces.energy = options.energy;
   plan.forces.delay = options.identified ? options.identified->plant.delay : kUnknownDelay;
   plan.forces.rate_hz = options.session.loop.rate_hz;
+  const bool lock = trial.goal == ReachGoal::press && !options.locked;
   const bool clamp = trial.kind == ReachKind::clamp, field = trial.field_acts() && !trial.field.isZero(0);
-  if ((clamp || field || options.course.pull) &&
+  if ((clamp || lock || field || options.course.pull) &&
       !(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
-    throw input_error(
-        fmt::format("{} has no motors: remove field, clamps and pull, or use a device with motors", device.model));
+    throw input_error(fmt::format("{} has no motors: {}, or use a device with motors", device.model,
+                                  lock ? "lock the handle and set locked" : "remove field, clamps and pull"));
+  if (trial.goal == ReachGoal::press) plan_lock(device, options, plan);
   if (clamp) plan_clamp(device, options, plan);
   if (!field) return plan;
   plan.forces.field = trial.field;
@@ -116,7 +159,7 @@ SessionResult reach(Device& device, const ReachPlan& plan, const ReachOptions& o
   pull.kd *= kPullShare;
   ReachCourse course = options.course;
   course.rate_hz = session.loop.rate_hz;
-  ReachController controller(options.trial.geometry, plan.forces, course, pull, hand_watch_of(info.max_force));
+  ReachController controller(plan.trial, plan.forces, course, pull, hand_watch_of(info.max_force));
   std::vector<SampleSink*> sinks = options.sinks;
   if (options.live != nullptr) {
     controller.obey(options.live->requests());
@@ -126,7 +169,7 @@ SessionResult reach(Device& device, const ReachPlan& plan, const ReachOptions& o
     session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
   if (options.identified) session.touch.plant = options.identified->plant;
-  if (session.observer != nullptr) session.followed = shown_path(options.trial.geometry);
+  if (session.observer != nullptr) session.followed = shown_path(plan.trial);
   return run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
 }
 

@@ -1,4 +1,4 @@
-// One reach with a device: plan, and session.
+// One trial with a cue and a device: plan, and session.
 #pragma once
 
 #include "control/design/identified_device.h"
@@ -15,6 +15,7 @@ class LiveGuidance;
 
 struct ReachOptions {
   ReachTrial trial;
+  bool locked = false;  ///< press: the handle is locked mechanically, so that no force holds it
   ReachCourse course;
   std::optional<double> clamp_stiffness;  ///< [N/m]; absent: the largest stable one
   double clamp_damping = 3;               ///< [N s/m]
@@ -29,6 +30,7 @@ struct ReachOptions {
 
 /// A reach that was checked against a device.
 struct ReachPlan {
+  ReachTrial trial;  ///< with what the device decides: workspace, largest force
   ReachForces::Options forces;
   std::vector<std::string> notes;     ///< messages for the user
   std::vector<std::string> warnings;  ///< messages that matter more

@@ -26,7 +26,8 @@ bool relates_values(const json& programme) {
   } catch (const Error& error) {
     const std::string why = error.what();
     for (const char* words : {"from the start, within start_radius", "leads out of the plane", "must not be above most",
-                              "no reach can end within time_limit", "is none; raise the share"})
+                              "no reach can end within time_limit", "is none; raise the share", "is in the start",
+                              "has no length, so it is no direction", "tracking lasts", "a press lasts"})
       if (why.find(words) != std::string::npos) return true;
   }
   return false;
@@ -77,7 +78,9 @@ void change_everything(const json& whole, const json& part, const json::json_poi
     with(json::object());
     for (std::size_t i = 0; i < part.size(); ++i) change_everything(whole, part[i], at / i, changed);
   } else if (at.back() == "mode") {
-    for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "other"}) with(mode);
+    for (const char* mode :
+         {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track", "other"})
+      with(mode);
   } else {
     for (const json& value :
          {json(-1), json(0), json(1), json(0.5), json(1e12), json("text"), json(nullptr), json(true)}) {
@@ -90,7 +93,7 @@ void change_everything(const json& whole, const json& part, const json::json_poi
 
 TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
   std::vector<json> programmes;
-  for (const char* name : {"reaching", "circles", "lesson", "field"}) {
+  for (const char* name : {"reaching", "circles", "lesson", "field", "assessments"}) {
     const json sample = load_json(fmt::format("{}/programmes/{}.json", HAPTRACE_SAMPLES, name));
     EXPECT_TRUE(is_read(sample));
     json few = sample;
@@ -113,6 +116,16 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
        "field": {"matrix": [[0, 1, 2], [2, 3, 4], [5, 6, 7]]}, "blocks": [{"reaches": 9, "field": true}]}}]})");
   EXPECT_TRUE(is_read(reaches));
   change_everything(reaches, reaches, json::json_pointer(), programmes);
+  const json assessed = json::parse(R"({"haptrace_programme": 1, "exercises": [
+      {"mode": "range", "range": {"targets": [[0, 0.1, 0]], "plane": "yz", "start": [0, 0.01, 0], "pull": true,
+       "start_radius": 0.005, "start_hold": {"least": 0.5, "most": 1}, "target_hold": 1, "tries": 2}},
+      {"mode": "press", "time_limit": 4, "press": {"targets": [[0, 0.1, 0]], "stiffness": 500, "damping": 2,
+       "break_out": 0.02, "energy": 1, "locked": false}},
+      {"mode": "press", "press": {"targets": [[0, 0.1, 0]], "locked": true}},
+      {"mode": "track", "repetitions": 2, "track": {"axis": [0, 1, 0], "frequencies": [0.2, 0.5], "pattern": 3,
+       "amplitude": 0.02, "discard": 4, "start": 0.01}}]})");
+  EXPECT_TRUE(is_read(assessed));
+  change_everything(assessed, assessed, json::json_pointer(), programmes);
   ASSERT_GT(programmes.size(), 1000U);
   const std::vector<bool> valid = by_schema(programmes);
   ASSERT_EQ(valid.size(), programmes.size());

@@ -52,7 +52,7 @@ ReachForces::Options forces_of(const ReachTrial& trial) {
 
 /// Runs the controller of a reach against a participant, tick by tick, and returns the metrics of its run.
 TrialFigures reached(Participant& participant, const ReachTrial& trial) {
-  ReachController controller(trial.geometry, forces_of(trial), {.start_hold = 0.6, .target_hold = 0.3, .hold = 0},
+  ReachController controller(trial, forces_of(trial), {.start_hold = 0.6, .target_hold = 0.3, .hold = 0},
                              {.kp = Vec3::Constant(100), .kd = Vec3::Constant(2)}, hand_watch_of(10));
   participant.begin(trial.geometry.start, trial.geometry.target, 0.9);
   const auto estimator = make_velocity_estimator("lowpass:100", 1 / kReachStep, 0);
@@ -127,7 +127,7 @@ struct ReachRig {
   std::vector<std::string> words;
 
   void begin(const Vec3& at) {
-    controller.emplace(trial.geometry, forces_of(trial), course,
+    controller.emplace(trial, forces_of(trial), course,
                        PdGains{.kp = Vec3::Constant(100), .kd = Vec3::Constant(2)}, hand_watch_of(10));
     controller->obey(requests);
     controller->start({.position = at});
@@ -250,7 +250,7 @@ TEST(ReachController, ReportsAChannelThatTheHandBroke) {
   (void)rig.hold(Vec3(0.04, 0.04, 0), 0.3, Vec3(0.1, 0, 0));
   EXPECT_EQ(rig.last.wrench.force.norm(), 0);
   EXPECT_THAT(rig.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over));
-  EXPECT_THAT(rig.words.back(), HasSubstr("the clamp went off: the hand was 40.0 mm from its line, the limit is 30.0"));
+  EXPECT_THAT(rig.words.back(), HasSubstr("the clamp went off: the hand was 40.0 mm off, the limit is 30.0"));
 }
 
 TEST(ReachController, RefusesATargetWithinTheStart) {

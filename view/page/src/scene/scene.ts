@@ -235,8 +235,8 @@ class SceneOfModel implements SceneView {
     p.showTrail = t === null || t.trail;
     p.showMovement = t === null || t.movement;
     // In a tunnel the reference is the nearest place of the path; an expert that moves is something to follow.
-    const follows = mode === "cursor" || mode === "passive" || m.recording?.verb === "play";
-    p.showReference = hasReference && (t === null ? follows : mode === "cursor" && t.path);
+    const follows = mode === "cursor" || mode === "track" || mode === "passive" || m.recording?.verb === "play";
+    p.showReference = hasReference && (t === null ? follows : mode === "track" || (mode === "cursor" && t.path));
     p.arrow.visible = t === null && force >= LEAST_FORCE;
     p.deviation.visible = t === null && hasReference && deviation > 0;
     p.deviation.outside = deviation > radius;

@@ -1,0 +1,172 @@
+#include "metrics/assessment.h"
+
+#include <Eigen/QR>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <numbers>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+/// Returns true if the workspace ends in the direction, within the margin of a place.
+bool near_end(const Box& workspace, const Vec3& place, const Vec3& direction) {
+  constexpr double kAlong = 0.2;  // share of the direction along an axis whose end can stop the hand
+  if (!is_finite(workspace.min) || !is_finite(workspace.max)) return false;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (direction[axis] > kAlong && workspace.max[axis] - place[axis] < RangeFigures::kMargin) return true;
+    if (direction[axis] < -kAlong && place[axis] - workspace.min[axis] < RangeFigures::kMargin) return true;
+  }
+  return false;
+}
+
+/// Sines of a movement along a line, one for each frequency: a sin(w t) + b cos(w t).
+struct Line {
+  double omega, a, b;
+};
+
+/// Fits a constant and the sines of the target to places along the line (least squares). Nothing without enough rows.
+std::vector<Line> lines_of(const std::vector<double>& time, const std::vector<double>& place,
+                           const std::vector<double>& frequency) {
+  const auto rows = static_cast<Eigen::Index>(time.size()),
+             unknowns = static_cast<Eigen::Index>(1 + 2 * frequency.size());
+  if (rows < 2 * unknowns) return {};
+  Eigen::MatrixXd model(rows, unknowns);
+  Eigen::VectorXd values(rows);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const auto at = static_cast<std::size_t>(i);
+    model(i, 0) = 1;
+    for (std::size_t k = 0; k < frequency.size(); ++k) {
+      const double angle = 2 * std::numbers::pi * frequency[k] * time[at];
+      model(i, static_cast<Eigen::Index>(1 + 2 * k)) = std::sin(angle);
+      model(i, static_cast<Eigen::Index>(2 + 2 * k)) = std::cos(angle);
+    }
+    values[i] = place[at];
+  }
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver(model);
+  if (solver.rank() < unknowns) return {};
+  const Eigen::VectorXd fit = solver.solve(values);
+  std::vector<Line> lines;
+  for (std::size_t k = 0; k < frequency.size(); ++k)
+    lines.push_back({2 * std::numbers::pi * frequency[k], fit[static_cast<Eigen::Index>(1 + 2 * k)],
+                     fit[static_cast<Eigen::Index>(2 + 2 * k)]});
+  return lines;
+}
+
+/// Adds gain and delay. `size` is that of each sine of the target [m].
+void add_gain(TrackFigures& figures, const std::vector<Line>& lines, const std::vector<double>& phase, double size) {
+  if (lines.empty()) return;
+  // Correlation of the hand's sines with those of a target that is late by tau.
+  const auto gain_at = [&](double tau) {
+    double sum = 0;
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+      const double late = phase[k] - lines[k].omega * tau;
+      sum += lines[k].a * std::cos(late) + lines[k].b * std::sin(late);
+    }
+    return sum / (size * static_cast<double>(lines.size()));
+  };
+  constexpr double kStep = 1e-3;  // [s]
+  double best = TrackFigures::kEarliest, gain = gain_at(best);
+  for (double tau = best; tau <= TrackFigures::kLatest; tau += kStep)
+    if (const double other = gain_at(tau); other > gain) {
+      gain = other;
+      best = tau;
+    }
+  figures.gain = gain;
+  const bool inside = best > TrackFigures::kEarliest + 0.5 * kStep && best < TrackFigures::kLatest - 0.5 * kStep;
+  if (gain >= TrackFigures::kLeastGain && inside) figures.delay = best;
+}
+
+}  // namespace
+
+std::optional<RangeFigures> range_figures(const Trial& trial, const ReachTrial& reach) {
+  const Vec3 along = reach.geometry.along();
+  std::optional<RangeFigures> figures;
+  // Rows of the window whose places are the smallest ones from there on, nearest first.
+  std::deque<std::size_t> least;
+  const auto place = [&](std::size_t i) { return (trial.position[i] - reach.geometry.start).dot(along); };
+  std::optional<double> begin;  // of the positions without a gap
+  for (std::size_t i = 0; i < trial.position.size(); ++i) {
+    constexpr double kLongestGap = 0.1;  // [s]
+    if (!is_finite(trial.position[i]) || (i > 0 && trial.time[i] - trial.time[i - 1] > kLongestGap)) {
+      least.clear();
+      begin.reset();
+      if (!is_finite(trial.position[i])) continue;
+    }
+    if (!begin) begin = trial.time[i];
+    while (!least.empty() && place(least.back()) >= place(i)) least.pop_back();
+    least.push_back(i);
+    while (trial.time[i] - trial.time[least.front()] > reach.hold) least.pop_front();
+    if (trial.time[i] - *begin < reach.hold) continue;
+    const std::size_t nearest = least.front();
+    if (figures && place(nearest) <= figures->distance) continue;
+    figures =
+        RangeFigures{.distance = place(nearest), .at_limit = near_end(reach.workspace, trial.position[nearest], along)};
+  }
+  return figures;
+}
+
+std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
+  const std::span<const Vec3> force = trial.measured.empty() ? trial.force : trial.measured;
+  if (force.empty()) return std::nullopt;
+  const Vec3 along = reach.geometry.along();
+  // Integral of the hand's force from the first row, by trapezoids [N s]; rows without a force are left out.
+  std::vector<std::size_t> rows;
+  std::vector<double> integral;
+  for (std::size_t i = 0; i < force.size(); ++i) {
+    if (!is_finite(force[i])) continue;
+    if (rows.empty()) {
+      integral.push_back(0);
+    } else {
+      const std::size_t before = rows.back();
+      integral.push_back(integral.back() -
+                         0.5 * (force[i] + force[before]).dot(along) * (trial.time[i] - trial.time[before]));
+    }
+    rows.push_back(i);
+  }
+  std::optional<PressFigures> figures;
+  std::size_t first_of_best = 0, last_of_best = 0;
+  for (std::size_t first = 0, last = 0; last < rows.size(); ++last) {
+    const auto lasts = [&](std::size_t from) { return trial.time[rows[last]] - trial.time[rows[from]]; };
+    // The shortest section that is as long as the window.
+    while (first + 1 < last && lasts(first + 1) >= PressFigures::kWindow - 1e-9) ++first;
+    if (lasts(first) < PressFigures::kWindow - 1e-9) continue;
+    const double mean = (integral[last] - integral[first]) / lasts(first);
+    if (figures && mean <= figures->force) continue;
+    figures = PressFigures{.force = mean};
+    first_of_best = rows[first];
+    last_of_best = rows[last];
+  }
+  if (!figures) return figures;
+  const bool all = reach.largest > 0 && !trial.force.empty() &&
+                   std::any_of(trial.force.begin() + static_cast<std::ptrdiff_t>(first_of_best),
+                               trial.force.begin() + static_cast<std::ptrdiff_t>(last_of_best) + 1,
+                               [&](const Vec3& f) { return f.norm() >= PressFigures::kNearLimit * reach.largest; });
+  figures->at_limit = all || !spoiled.empty();
+  return figures;
+}
+
+std::optional<TrackFigures> track_figures(const Trial& trial, const ReachTrial& reach) {
+  if (trial.time.empty()) return std::nullopt;
+  const Vec3 along = reach.geometry.along();
+  const double distance = reach.geometry.distance();
+  std::vector<double> time, place;
+  double sum = 0;
+  for (std::size_t i = 0; i < trial.position.size(); ++i) {
+    const double t = trial.time[i] - trial.time.front();
+    if (t < reach.track.discard || !is_finite(trial.position[i])) continue;
+    const Vec3 way = trial.position[i] - reach.geometry.start;
+    sum += (way - distance * reach.track.at(t) * along).squaredNorm();
+    time.push_back(t);
+    place.push_back(way.dot(along));
+  }
+  if (time.empty()) return std::nullopt;
+  TrackFigures figures{.rms = std::sqrt(sum / static_cast<double>(time.size())), .gain = {}, .delay = {}};
+  add_gain(figures, lines_of(time, place, reach.track.frequency), reach.track.phase,
+           distance / static_cast<double>(reach.track.frequency.size()));
+  return figures;
+}
+
+}  // namespace haptrace

@@ -1,0 +1,199 @@
+// Metrics of range of motion, press and tracking, from movements and forces with known answers.
+#include "metrics/assessment.h"
+
+#include "control/path/min_jerk.h"
+#include "metrics/assessment_summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <functional>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <numbers>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+using testing::HasSubstr;
+
+/// A trial of `duration` along x at 1 kHz.
+struct AlongX {
+  std::vector<double> time;
+  std::vector<Vec3> position, force, measured;
+
+  AlongX(double duration, const std::function<double(double)>& place, const std::function<double(double)>& hand = {},
+         double rate_hz = 1000) {
+    for (int i = 0; i <= std::lround(duration * rate_hz); ++i) {
+      time.push_back(7 + i / rate_hz);
+      position.emplace_back(place(i / rate_hz), 0, 0);
+      if (hand) force.emplace_back(-hand(i / rate_hz), 0, 0);  // the device holds against the hand
+    }
+  }
+  [[nodiscard]] Trial trial() const {
+    return {.time = time, .position = position, .force = force, .measured = measured};
+  }
+};
+
+ReachTrial ahead(ReachGoal goal) {
+  ReachTrial trial{.geometry = {.target = Vec3(0.1, 0, 0)}, .goal = goal};
+  if (goal == ReachGoal::track) trial.track = {.frequency = {0.1, 0.17, 0.31, 0.53, 0.79}, .phase = {1, 2, 3, 4, 5}};
+  return trial;
+}
+
+TEST(RangeOfMotion, IsTheFarthestPlaceThatTheHandKeptForTheHold) {
+  // Out to 80 mm in 1 s, a swing to 95 mm that lasts 0.3 s, then 78 mm for the rest.
+  const AlongX tried(4, [](double t) {
+    if (t > 1.5 && t < 1.8) return 0.095;
+    return t < 1.5 ? 0.08 * MinJerk::at(std::min(t, 1.0)).s : 0.078;
+  });
+  const auto figures = range_figures(tried.trial(), ahead(ReachGoal::range));
+  ASSERT_TRUE(figures);
+  EXPECT_NEAR(figures->distance, 0.0791, 1e-3) << "0.5 s end at the swing; the place 0.5 s before it was 79 mm";
+  EXPECT_FALSE(figures->at_limit) << "the workspace is unknown";
+}
+
+TEST(RangeOfMotion, IsALowerBoundWithinFiveMillimetresOfTheWorkspaceInItsDirection) {
+  const AlongX tried(2, [](double t) { return 0.08 * MinJerk::at(std::min(t, 1.0)).s; });
+  ReachTrial reach = ahead(ReachGoal::range);
+  const auto at_limit = [&](double end) {
+    reach.workspace = {.min = Vec3(-1, -0.001, -1), .max = Vec3(end, 0.001, 1)};
+    return range_figures(tried.trial(), reach)->at_limit;
+  };
+  EXPECT_TRUE(at_limit(0.084));
+  EXPECT_FALSE(at_limit(0.086)) << "the walls to its sides do not count";
+}
+
+TEST(RangeOfMotion, DoesNotBridgeMissingPositionsAndNeedsAWholeHold) {
+  AlongX tried(2, [](double t) { return t < 1 ? 0.05 : 0.07; });
+  for (std::size_t i = 1300; i < 1400; ++i) tried.position[i] = nan3();
+  // 70 mm were seen for 0.3 s and for 0.6 s: the second one counts.
+  EXPECT_NEAR(range_figures(tried.trial(), ahead(ReachGoal::range))->distance, 0.07, 1e-12);
+  for (std::size_t i = 1700; i < 1710; ++i) tried.position[i] = nan3();
+  EXPECT_NEAR(range_figures(tried.trial(), ahead(ReachGoal::range))->distance, 0.05, 1e-12);
+  EXPECT_FALSE(range_figures(AlongX(0.4, [](double) { return 0.1; }).trial(), ahead(ReachGoal::range)));
+}
+
+TEST(Press, IsTheLargestMeanOverHalfASecond) {
+  // A triangle of 2 s with a peak of 10 N: the mean of the 0.5 s around the peak is 10 - 10 * 0.25 / 2.
+  const AlongX tried(
+      3, [](double) { return 0.0; }, [](double t) { return t < 2 ? 10 * (1 - std::abs(t - 1)) : 0.0; });
+  const auto figures = press_figures(tried.trial(), ahead(ReachGoal::press));
+  ASSERT_TRUE(figures);
+  EXPECT_NEAR(figures->force, 8.75, 0.01);
+  EXPECT_FALSE(figures->at_limit);
+  const AlongX slow(
+      3, [](double) { return 0.0; }, [](double t) { return t < 2 ? 10 * (1 - std::abs(t - 1)) : 0.0; }, 130);
+  EXPECT_NEAR(press_figures(slow.trial(), ahead(ReachGoal::press))->force, 8.75, 0.05) << "at another rate";
+}
+
+TEST(Press, PrefersTheMeasuredForceAndSaysWhenTheDeviceCouldNotHoldMore) {
+  AlongX tried(
+      2, [](double) { return 0.0; }, [](double) { return 4.0; });
+  ReachTrial reach = ahead(ReachGoal::press);
+  reach.largest = 4.1;
+  EXPECT_TRUE(press_figures(tried.trial(), reach)->at_limit) << "4 N of 4.1 N";
+  reach.largest = 6;
+  EXPECT_FALSE(press_figures(tried.trial(), reach)->at_limit);
+  EXPECT_TRUE(press_figures(tried.trial(), reach, "the hand broke out of the channel")->at_limit);
+  tried.measured.assign(tried.time.size(), Vec3(-5, 0, 0));
+  EXPECT_NEAR(press_figures(tried.trial(), reach)->force, 5, 1e-9);
+  tried.force.clear();
+  tried.measured.clear();
+  EXPECT_FALSE(press_figures(tried.trial(), reach)) << "nothing measures it";
+}
+
+TEST(Tracking, FindsTheGainAndTheDelayOfAHandThatCopiesTheTarget) {
+  const ReachTrial reach = ahead(ReachGoal::track);
+  for (const double gain : {0.3, 0.9, 1.2})
+    for (const double delay : {0.0, 0.08, 0.35, 0.9}) {
+      const AlongX tried(45, [&](double t) { return 0.002 + 0.1 * gain * reach.track.at(t - delay); });
+      const auto figures = track_figures(tried.trial(), reach);
+      ASSERT_TRUE(figures && figures->gain && figures->delay);
+      EXPECT_NEAR(*figures->gain, gain, 0.01 * gain);
+      EXPECT_NEAR(*figures->delay, delay, 1.5e-3) << gain;
+    }
+}
+
+TEST(Tracking, HasTheErrorOfAHandAtRestAndNoDelay) {
+  const ReachTrial reach = ahead(ReachGoal::track);
+  const auto figures = track_figures(AlongX(105, [](double) { return 0.0; }).trial(), reach);
+  ASSERT_TRUE(figures);
+  // The mean square of five sines, each 20 mm large.
+  EXPECT_NEAR(figures->rms, 0.02 * std::sqrt(5 / 2.0), 3e-4);
+  EXPECT_NEAR(figures->gain.value_or(1), 0, 0.01);
+  EXPECT_FALSE(figures->delay);
+}
+
+TEST(Tracking, CountsNothingBeforeItsDiscard) {
+  const ReachTrial reach = ahead(ReachGoal::track);
+  const AlongX tried(45, [&](double t) { return t < 5 ? 0.5 : 0.1 * reach.track.at(t); });
+  EXPECT_NEAR(track_figures(tried.trial(), reach)->rms, 0, 1e-9);
+  EXPECT_FALSE(track_figures(AlongX(4, [](double) { return 0.0; }).trial(), reach));
+}
+
+TEST(Tracking, MovesItsTargetWithinItsBoundsFromRest) {
+  const TrackSignal signal = ahead(ReachGoal::track).track;
+  EXPECT_EQ(signal.at(0), 0);
+  EXPECT_NEAR(signal.at(1e-3), 0, 1e-5) << "without a jump of its speed";
+  double largest = 0;
+  for (double t = 0; t < 100; t += 0.01) largest = std::max(largest, std::abs(signal.at(t)));
+  EXPECT_LE(largest, 1);
+  EXPECT_GT(largest, 0.5);
+}
+
+/// A log of trials of one exercise.
+SessionLog log_of(const std::vector<std::pair<int, nlohmann::json>>& figures_by_target) {
+  SessionLog log;
+  for (const auto& [target, figures] : figures_by_target)
+    log.trials.push_back(
+        {.exercise = 0, .stopped_by = "finished", .figures = figures, .reach = PlannedReach{.target = target}});
+  return log;
+}
+
+Programme assessment(const char* exercise) {
+  return programme_from_json(
+      nlohmann::json::parse(fmt::format(R"({{"haptrace_programme": 1, "exercises": [{}]}})", exercise)), "p.json");
+}
+
+TEST(AssessmentSummaries, GiveTheBestOfTheTriesAndTheAreaWithinThem) {
+  const Programme programme = assessment(
+      R"({"mode": "range", "range": {"targets": {"kind": "centre-out", "count": 4, "distance": 0.05}, "tries": 2}})");
+  SessionLog log = log_of({{0, {{"range_m", 0.08}}},
+                           {0, {{"range_m", 0.1}, {"at_limit", "the end"}}},
+                           {1, {{"range_m", 0.1}}},
+                           {2, {{"range_m", 0.1}}},
+                           {3, {{"range_m", nullptr}}},
+                           {3, {{"range_m", 0.1}}}});
+  const auto summary = summarise_assessment(programme, 0, log);
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(summary->trials, 5U);
+  EXPECT_EQ(summary->directions[0].tries, 2U);
+  EXPECT_EQ(summary->directions[0].best, 0.1);
+  EXPECT_TRUE(summary->directions[0].at_limit);
+  EXPECT_FALSE(summary->directions[1].at_limit);
+  EXPECT_NEAR(summary->area.value_or(0), 0.02, 1e-12) << "a square whose diagonals are 0.2 m";
+  const std::vector<std::string> lines = describe(*summary);
+  EXPECT_EQ(lines[0], "direction 1: >= 100.0 mm, best of 2");
+  EXPECT_EQ(lines[4], "area within these places: >= 200.0 cm2");
+  EXPECT_EQ(to_json(*summary)["directions"][0]["at_limit"], true);
+  // A hand that was steered by mouse shows nothing about a person.
+  for (LoggedTrial& trial : log.trials) trial.input = "view";
+  EXPECT_EQ(summarise_assessment(programme, 0, log)->trials, 0U);
+}
+
+TEST(AssessmentSummaries, AreMeansOfTracking) {
+  const Programme programme = assessment(R"({"mode": "track", "repetitions": 2, "track": {}})");
+  const auto summary = summarise_assessment(
+      programme, 0,
+      log_of({{0, {{"tracking_rms_m", 0.01}, {"tracking_gain", 0.8}, {"tracking_delay_s", 0.2}}},
+              {0, {{"tracking_rms_m", 0.02}, {"tracking_gain", 0.9}, {"tracking_delay_s", nullptr}}}}));
+  ASSERT_TRUE(summary);
+  EXPECT_THAT(describe(*summary).front(), HasSubstr("2 trials: rms error 15.0 mm, gain 0.85, delay 200 ms"));
+  EXPECT_FALSE(
+      summarise_assessment(assessment(R"({"mode": "reach", "reach": {"targets": [[0.1, 0, 0]]}})"), 0, SessionLog{}));
+}
+
+}  // namespace
+}  // namespace haptrace

@@ -1,0 +1,250 @@
+// Range of motion, press and tracking with simulated participants: what is measured is what they really did.
+#include "control/velocity_estimator.h"
+#include "metrics/recorded_trial.h"
+#include "player/programme/programme_session.h"
+#include "player/programme/reach_controller.h"
+#include "player/programme/reach_session.h"
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+#include "tests/support/point_mass.h"
+
+#include <fmt/format.h>
+#include <functional>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <numeric>
+#include <optional>
+#include <random>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using testing::HasSubstr;
+
+constexpr double kDt = 1e-3;  // [s]
+
+/// The force of a hand at `since` the cue, negative before it, at a place and a velocity.
+using Hand = std::function<Vec3(double since, const Vec3& position, const Vec3& velocity)>;
+
+struct AssessedTrial {
+  RecordedTrial recorded;
+  TrialFigures figures;
+  std::vector<EventCode> events;
+  Phase last = Phase::approach;
+};
+
+/// Runs one trial with a hand of 1 kg, tick by tick.
+AssessedTrial assessed(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,
+                       const Hand& hand) {
+  ReachController controller(trial, forces, course, {.kp = Vec3::Constant(100), .kd = Vec3::Constant(2)},
+                             hand_watch_of(10));
+  const auto estimator = make_velocity_estimator("lowpass:100", 1 / kDt, 0);
+  AssessedTrial result{.recorded = {.kind = TrialKind::reach, .reach = trial}};
+  Vec3 position = trial.geometry.start, velocity = Vec3::Zero(), sent = Vec3::Zero();
+  std::optional<double> cue;
+  for (int tick = 0; tick < 100'000; ++tick) {
+    State state{.dt = tick > 0 ? kDt : 0, .position = position, .force_applied = sent};
+    state.velocity = estimator->update(state.position, kDt);
+    if (tick == 0) controller.start(state);
+    const std::size_t before = test::allocations();
+    const Command command = controller.update(state);
+    EXPECT_EQ(test::allocations(), before) << "the tick allocates nothing";
+    if (command.event) result.events.push_back(command.event->code);
+    if (command.phase == Phase::run) {
+      if (!cue) cue = tick * kDt;
+      result.recorded.time.push_back(tick * kDt);
+      result.recorded.position.push_back(position);
+      result.recorded.force.push_back(command.wrench.force);
+    }
+    result.last = command.phase;
+    if (command.status == Command::Status::finished) break;
+    sent = command.wrench.force;
+    velocity += kDt * (sent + hand(cue ? tick * kDt - *cue : -1, position, velocity));
+    position += kDt * velocity;
+  }
+  result.figures = trial_figures(result.recorded, std::nullopt);
+  return result;
+}
+
+ReachTrial goal_ahead(ReachGoal goal) {
+  ReachTrial trial{.geometry = {.target = Vec3(0.05, 0, 0)}, .goal = goal};
+  if (goal == ReachGoal::track) trial.track = {.frequency = {0.13, 0.29, 0.61}, .phase = {0.5, 2, 4}};
+  return trial;
+}
+
+/// A hand that holds a place.
+Vec3 held_at(const Vec3& place, const Vec3& position, const Vec3& velocity) {
+  return 300 * (place - position) - 30 * velocity;
+}
+
+TEST(RangeAssessment, EndsWhenTheHandHasStayedAtItsFarthestPlace) {
+  const AssessedTrial tried =
+      assessed(goal_ahead(ReachGoal::range), {}, {.start_hold = 0.5, .target_hold = 0.5, .time_limit = 10, .hold = 0.1},
+               [](double since, const Vec3& p, const Vec3& v) {
+                 return held_at(Vec3(since < 0.3 ? 0 : std::min(0.08, 0.1 * (since - 0.3)), 0, 0), p, v);
+               });
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition));
+  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + 0.8 + 0.5, 0.15);
+  EXPECT_NEAR(tried.figures.range.value_or(RangeFigures{}).distance, 0.08, 1e-3);
+  for (const Vec3& force : tried.recorded.force) EXPECT_EQ(force.norm(), 0) << "no force helps or hinders";
+}
+
+TEST(RangeAssessment, IsOverForAHandThatStaysInTheStartOrNeverRests) {
+  const ReachCourse course{.start_hold = 0.5, .target_hold = 0.5, .time_limit = 3, .hold = 0.1};
+  const AssessedTrial still =
+      assessed(goal_ahead(ReachGoal::range), {}, course,
+               [](double, const Vec3& p, const Vec3& v) { return held_at(Vec3::Zero(), p, v); });
+  EXPECT_THAT(still.events, testing::ElementsAre(EventCode::repetition, EventCode::time_over));
+  const AssessedTrial restless =
+      assessed(goal_ahead(ReachGoal::range), {}, course, [](double since, const Vec3& p, const Vec3& v) {
+        return held_at(Vec3(since < 0 ? 0 : 0.04 + 0.02 * std::sin(9 * since), 0, 0), p, v);
+      });
+  EXPECT_THAT(restless.events, testing::ElementsAre(EventCode::repetition, EventCode::time_over));
+}
+
+TEST(RangeAssessment, TheMeanOf200SessionsIsWithinFivePerCentOfWhatTheHandsReached) {
+  std::mt19937_64 random(7);
+  double truth = 0, shown = 0;
+  for (int session = 0; session < 200; ++session) {
+    const double range = std::uniform_real_distribution(0.03, 0.12)(random);
+    std::normal_distribution<double> tremor(0, 0.3);
+    const AssessedTrial tried = assessed(
+        goal_ahead(ReachGoal::range), {}, {.start_hold = 0.3, .target_hold = 0.5, .time_limit = 10, .hold = 0},
+        [&](double since, const Vec3& p, const Vec3& v) {
+          const Vec3 shaken = since < 0 ? Vec3::Zero() : Vec3(tremor(random), tremor(random), tremor(random));
+          return Vec3(held_at(Vec3(since < 0.3 ? 0 : std::min(range, 0.15 * (since - 0.3)), 0, 0), p, v) + shaken);
+        });
+    ASSERT_TRUE(tried.figures.range);
+    truth += range;
+    shown += tried.figures.range->distance;
+  }
+  EXPECT_NEAR(shown / truth, 1, 0.05);
+}
+
+ReachForces::Options lock(double max_force) {
+  return {.clamp = ClampOptions{.stiffness = 1000, .damping = 10, .rise = 0.4, .break_out = 0.03, .locks = true},
+          .max_force = max_force,
+          .delay = 0};
+}
+
+/// A hand that presses along x with `force`, which rises in 0.3 s and trembles.
+Hand pressing(double force, double tremor, std::mt19937_64& random, std::vector<double>& real) {
+  return [&, force, tremor](double since, const Vec3&, const Vec3& v) {
+    const double pressed =
+        since < 0.2 ? 0
+                    : force * std::min(1.0, (since - 0.2) / 0.3) + tremor * std::normal_distribution<double>()(random);
+    if (since >= 0) real.push_back(pressed);
+    return Vec3(pressed - 15 * v.x(), -15 * v.y(), -15 * v.z());
+  };
+}
+
+TEST(PressAssessment, TheMeanOf200SessionsIsWithinFivePerCentOfWhatTheHandsDid) {
+  std::mt19937_64 random(9);
+  double truth = 0, shown = 0;
+  ReachTrial trial = goal_ahead(ReachGoal::press);
+  trial.largest = 8;
+  for (int session = 0; session < 200; ++session) {
+    std::vector<double> real;
+    const double force = std::uniform_real_distribution(1.0, 6.0)(random);
+    const AssessedTrial tried =
+        assessed(trial, lock(8), {.start_hold = 0.5, .time_limit = 3, .hold = 0}, pressing(force, 0.2, random, real));
+    ASSERT_TRUE(tried.figures.press);
+    EXPECT_FALSE(tried.figures.press->at_limit) << force;
+    double best = 0;
+    for (std::size_t i = 0; i + 500 < real.size(); ++i)
+      best = std::max(best, std::accumulate(real.begin() + static_cast<std::ptrdiff_t>(i),
+                                            real.begin() + static_cast<std::ptrdiff_t>(i) + 500, 0.0) /
+                                500);
+    EXPECT_NEAR(tried.figures.press->force, best, 0.05 * best) << "the realised value";
+    truth += force;
+    shown += tried.figures.press->force;
+  }
+  EXPECT_NEAR(shown / truth, 1, 0.05);
+}
+
+TEST(PressAssessment, IsALowerBoundForAHandThatIsStrongerThanTheLock) {
+  std::mt19937_64 random(1);
+  std::vector<double> real;
+  ReachTrial trial = goal_ahead(ReachGoal::press);
+  trial.largest = 4;
+  const AssessedTrial tried =
+      assessed(trial, lock(4), {.start_hold = 0.5, .time_limit = 3, .hold = 0.3}, pressing(9, 0, random, real));
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over));
+  EXPECT_LT(tried.recorded.time.back() - tried.recorded.time.front(), 1) << "it ends when the lock broke";
+  EXPECT_EQ(tried.last, Phase::hold);
+}
+
+TEST(PressAssessment, EndsBeforeTheForceOfTheLockDecays) {
+  std::mt19937_64 random(1);
+  std::vector<double> real;
+  const AssessedTrial tried =
+      assessed(goal_ahead(ReachGoal::press), lock(8), {.start_hold = 0.5, .time_limit = 30, .hold = 0.3},
+               pressing(3, 0, random, real));
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition)) << "a press of 2 s is whole";
+  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + ReachForces::kHolds, 0.3);
+  EXPECT_NEAR(tried.figures.press.value_or(PressFigures{}).force, 3, 0.1);
+}
+
+TEST(PressAssessment, NeedsASensorForALockedHandleAndMotorsForALock) {
+  ReachOptions options{.trial = goal_ahead(ReachGoal::press), .locked = true};
+  DeviceInfo info = test::PointMass().info();
+  info.measures_force = false;
+  EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }), HasSubstr("has no force sensor"));
+  info.measures_force = true;
+  EXPECT_FALSE(plan_reach(info, options).forces.clamp) << "the device sends no force";
+  options.locked = false;
+  EXPECT_TRUE(plan_reach(info, options).forces.clamp->locks);
+  EXPECT_GT(plan_reach(info, options).trial.largest, 0);
+  info.force_axes = {false, false, false};
+  EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }), HasSubstr("lock the handle and set locked"));
+}
+
+TEST(TrackAssessment, FindsDelayAndGainOfHandsThatFollowTheTarget) {
+  std::mt19937_64 random(3);
+  const ReachTrial trial = goal_ahead(ReachGoal::track);
+  double gains = 0, delays = 0;
+  constexpr int kSessions = 30;
+  for (int session = 0; session < kSessions; ++session) {
+    const double gain = std::uniform_real_distribution(0.6, 1.1)(random),
+                 delay = std::uniform_real_distribution(0.1, 0.5)(random);
+    std::normal_distribution<double> tremor(0, 0.3);
+    const AssessedTrial tried = assessed(
+        trial, {}, {.start_hold = 0.5, .time_limit = 20, .hold = 0}, [&](double since, const Vec3& p, const Vec3& v) {
+          // A stiff hand on a place that is a late copy of the target.
+          const Vec3 place(0.05 * gain * trial.track.at(since - delay), 0, 0);
+          return Vec3(4000 * (place - p) - 126 * v + (since < 0 ? Vec3(Vec3::Zero()) : Vec3(tremor(random), 0, 0)));
+        });
+    ASSERT_TRUE(tried.figures.track && tried.figures.track->delay);
+    EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition));
+    EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 20, 0.01);
+    gains += *tried.figures.track->gain / gain;
+    // The hand itself is late by its damping over its stiffness.
+    delays += *tried.figures.track->delay / (delay + 126.0 / 4000);
+    for (const Vec3& force : tried.recorded.force) EXPECT_EQ(force.norm(), 0);
+  }
+  EXPECT_NEAR(gains / kSessions, 1, 0.05);
+  EXPECT_NEAR(delays / kSessions, 1, 0.05);
+}
+
+TEST(TrackAssessment, ShowsTheTargetAsTheReference) {
+  const ReachTrial trial = goal_ahead(ReachGoal::track);
+  ReachController controller(trial, {}, {.start_hold = 0.1, .time_limit = 20},
+                             {.kp = Vec3::Constant(100), .kd = Vec3::Constant(2)}, hand_watch_of(10));
+  State state{.position = Vec3::Zero()};
+  controller.start(state);
+  state.dt = kDt;
+  double since = 0, farthest = 0;
+  for (int tick = 0; tick < 10'000; ++tick) {
+    const Command command = controller.update(state);
+    if (command.phase == Phase::approach) EXPECT_EQ(command.reference.position.norm(), 0);
+    if (command.phase != Phase::run) continue;
+    EXPECT_NEAR(command.reference.position.x(), 0.05 * trial.track.at(since), 2e-4) << since;
+    farthest = std::max(farthest, std::abs(command.reference.position.x()));
+    since += kDt;
+  }
+  EXPECT_GT(farthest, 0.02);
+}
+
+}  // namespace
+}  // namespace haptrace
