@@ -42,13 +42,19 @@ std::span<const Keys::Binding> Keys::play_keys() {
 }
 
 std::span<const Keys::Binding> Keys::guide_keys() {
-  static constexpr std::array<Binding, 7> kKeys{{{"+]", "stiffness * 1.1"},
+  return std::span(run_keys()).first(7);
+}
+
+std::span<const Keys::Binding> Keys::run_keys() {
+  static constexpr std::array<Binding, 9> kKeys{{{"+]", "stiffness * 1.1"},
                                                  {"-[", "stiffness / 1.1"},
                                                  {"w", "radius * 1.1"},
                                                  {"n", "radius / 1.1"},
                                                  {"s", "skip"},
                                                  {"a", "repeat"},
-                                                 {"r", "reset"}}};
+                                                 {"r", "reset"},
+                                                 {"1", "first"},
+                                                 {"2", "second"}}};
   return kKeys;
 }
 

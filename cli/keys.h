@@ -27,12 +27,12 @@ namespace haptrace::cli {
 ///     - or [      softer: all gains by 10 %                 l  learned correction on, off
 ///     r           back to the values at the start           f  feedforward on, off
 ///
-/// or in guidance and programmes (guide_keys):
+/// or in guidance (guide_keys), and in programmes with 1 and 2 too (run_keys):
 ///
 ///     + or ]      stiffer walls by 10 %                     w  wider tunnel by 10 %
 ///     - or [      softer walls by 10 %                      n  narrower tunnel by 10 %
 ///     r           back to the values at the start           s  skips the repetition
-///     a           repeats the repetition after it
+///     a           repeats the repetition after it           1, 2  the answer: first, second
 ///
 /// Reads a terminal only if this process is in its foreground. With `always`, also reads input that is not a terminal.
 class Keys {
@@ -43,6 +43,7 @@ class Keys {
   };
   static std::span<const Binding> play_keys();
   static std::span<const Binding> guide_keys();
+  static std::span<const Binding> run_keys();
 
   /// Pauses and gives the commands of `bindings` through `commands`, which is borrowed. Without `annotations` there are
   /// no marks.

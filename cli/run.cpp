@@ -8,6 +8,7 @@
 #include "cli/tuning.h"
 #include "devices/device_spec.h"
 #include "metrics/assessment_summary.h"
+#include "metrics/position_sense.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
@@ -44,9 +45,10 @@ std::string minutes(double seconds) {
 
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
-  for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s",
-                           "lateral_deviation_m", "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r",
-                           "range_m", "press_force_n", "tracking_rms_m", "tracking_gain", "tracking_delay_s"}) {
+  for (const char* name :
+       {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s", "lateral_deviation_m",
+        "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r", "range_m", "press_force_n",
+        "tracking_rms_m", "tracking_gain", "tracking_delay_s", "sense_difference_m"}) {
     const std::optional<double> value = figure_in(figures, name);
     if (!value) continue;
     const TrialFigure& figure = trial_figure(name);
@@ -54,6 +56,10 @@ std::string figures_text(const nlohmann::json& figures) {
                         figure.digits, *figure.unit != '\0' ? " " : "", figure.unit);
   }
   return text;
+}
+
+std::string answer_text(const SenseTrial& trial) {
+  return trial.answer == 0 ? "none" : trial.answer == 1 ? "first" : "second";
 }
 
 std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
@@ -148,6 +154,8 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
       text += fmt::format("  {}, {}\n", name, describe(block));
     if (const std::optional<AssessmentSummary> summary = summarise_assessment(programme, i, result.log))
       for (const std::string& line : describe(*summary)) text += fmt::format("  {}, {}\n", name, line);
+    if (const std::optional<SenseSummary> summary = summarise_sense(programme, i, result.log))
+      text += fmt::format("  {}, {}\n", name, describe(*summary));
   }
   if (!result.log.complete)
     text += fmt::format("  ended: {}{}{}; resume with: {}\n", sitting.ended_by, sitting.detail.empty() ? "" : ", ",
@@ -212,7 +220,7 @@ class TrialDevices {
   /// approach to its start, in reaches after the cue, and in cursor exercises at the pace of the cursor.
   std::shared_ptr<Device> open(const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
     if (mark_ == std::string::npos) return shared();
-    if (exercise.mode == ExerciseMode::passive) return open_with(without_path());
+    if (exercise.mode == ExerciseMode::passive || exercise.sense) return open_with(without_path());
     constexpr double kLed = 0.5;       // approximate duration of the approach [s]
     constexpr double kReaction = 0.4;  // to the cue, with the end of the pull to the start [s]
     std::string description = session_.device;
@@ -285,7 +293,7 @@ class ProgrammeScreen {
  public:
   /// Borrows everything. Without a plan, the length of a repetition is unknown.
   ProgrammeScreen(const Programme& programme, const std::optional<ProgrammePlan>& plan, const SessionLog& log,
-                  const LiveGuidance& commands, LivePage& page, const Output& output)
+                  LiveGuidance& commands, LivePage& page, const Output& output)
       : programme_(programme), plan_(plan), shown_(log), commands_(commands), page_(page), output_(output) {}
 
   /// Is told of every step from now on.
@@ -297,6 +305,7 @@ class ProgrammeScreen {
                             std::size_t of) { begin(trial, settings, number, of); };
     options.ended = [this](const LoggedTrial& trial) { end(trial); };
     options.rests = [this](double left) { rest(left); };
+    options.asks = [this](double left) { return ask(left); };
   }
 
   void finish(bool complete) {
@@ -322,9 +331,12 @@ class ProgrammeScreen {
 
   void end(const LoggedTrial& trial) {
     clear();
+    (void)commands_.answer_of(false);
     if (const std::string text = figures_text(trial.figures); !text.empty()) output_.remark("  " + text);
-    if (trial.figures.is_object() && trial.figures.contains("refused"))
-      output_.remark("  " + trial.figures["refused"].get<std::string>());
+    for (const char* key : {"refused", "at_limit"})
+      if (trial.figures.is_object() && trial.figures.contains(key))
+        output_.remark("  " + trial.figures[key].get<std::string>());
+    if (trial.sense) output_.remark(fmt::format("  answer: {}", answer_text(*trial.sense)));
     page_.training([&](TrainingProgress& screen) { screen.end(trial, shown_.trials); });
     shown_.trials.push_back(trial);
     show();
@@ -340,6 +352,13 @@ class ProgrammeScreen {
       show_line(fmt::format("rest {:.0f} s", left));
   }
 
+  int ask(double left) {
+    page_.training([&](TrainingProgress& screen) { screen.ask(left); });
+    show();
+    if (live_) show_line(fmt::format("which place was farther? 1: first, 2: second ({:.0f} s)", left));
+    return commands_.answer_of(true);
+  }
+
   void show() {
     progress_.paused = commands_.paused();
     progress_.elapsed = watch_.seconds();
@@ -353,7 +372,7 @@ class ProgrammeScreen {
   const Programme& programme_;
   const std::optional<ProgrammePlan>& plan_;
   SessionLog shown_;  ///< the log as the page shows it
-  const LiveGuidance& commands_;
+  LiveGuidance& commands_;
   LivePage& page_;
   const Output& output_;
   const bool live_ = !output_.quiet && isatty(STDERR_FILENO) != 0;
@@ -423,7 +442,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   const TuningInputs inputs(arguments.tuning, commands);
   for (const std::string& hint : inputs.hints()) output.remark(hint);
   const Keys keys(options.session.recording->options.annotations, arguments.session.mark_texts, arguments.session.keys,
-                  commands, Keys::guide_keys());
+                  commands, Keys::run_keys());
   ProgrammeScreen screen(programme, plan, *log, commands, page, output);
   screen.watch(options);
   const Progress progress = [&](const SessionView& view) {

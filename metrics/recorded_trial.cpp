@@ -298,6 +298,11 @@ constexpr TrialFigure kFigures[] = {
      "force sensor, else as the device sent it to hold the hand. It is a lower bound if the device had no more force, "
      "or gave way.",
      kUnfiltered},
+    {"sense_difference_m", "difference of the places", "mm", 1e3, 1, 0,
+     [](const TrialFigures& f) { return f.difference; },
+     "Of a pair of places to which the device moved the hand: distance of the second one less the first one, from the "
+     "mean positions in the second halves of the stays.",
+     kUnfiltered},
     {"tracking_rms_m", "rms error of tracking", "mm", 1e3, 2, -1,
      [](const TrialFigures& f) { return f.track ? std::optional(f.track->rms) : std::nullopt; },
      "Root mean square over time of the distance from the moving target, without the first seconds (usually 5).",
@@ -358,6 +363,10 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   if (kind_of(header, columns) == TrialKind::reach)
     reach = reach_trial_from(JsonReader(header.config["reach"], file + ": reach"));
 
+  std::optional<SensePair> sense;
+  if (header.config.is_object() && header.config.contains("sense"))
+    sense = sense_pair_from(JsonReader(header.config["sense"], file + ": sense"));
+
   std::vector<RecordedTrial> trials;
   // A reach whose cue never came has no rows.
   if (reach && runs == 0) trials.push_back({.kind = TrialKind::reach, .reach = reach});
@@ -373,7 +382,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
         trials.push_back({.kind = kind_of(header, columns),
                           .repetition = static_cast<int>(trials.size()) + 1,
                           .force_scale = scale,
-                          .reach = reach});
+                          .reach = reach,
+                          .sense = sense});
         in_trial = true;
       }
       RecordedTrial& trial = trials.back();
@@ -486,6 +496,23 @@ std::optional<double> completion_of_reach(const ReachGeometry& geometry, std::sp
   return farthest ? std::optional(std::min(1.0, *farthest)) : std::nullopt;
 }
 
+/// Returns the distance of the second place of a pair less the first one, as the hand was moved: means over the second
+/// halves of the stays [m]. Nothing if one of them has no positions.
+std::optional<double> difference_of(const RecordedTrial& trial, const SensePair& pair) {
+  const auto place = [&](const std::array<double, 2>& window) -> std::optional<double> {
+    double sum = 0, n = 0;
+    for (std::size_t i = 0; i < trial.time.size(); ++i) {
+      const double since = trial.time[i] - trial.time.front();
+      if (since < window[0] || since > window[1] || !trial.position[i].allFinite()) continue;
+      sum += trial.position[i].dot(pair.axis);
+      n += 1;
+    }
+    return n > 0 ? std::optional(sum / n) : std::nullopt;
+  };
+  const std::optional<double> first = place(pair.first), second = place(pair.second);
+  return first && second ? std::optional(*second - *first) : std::nullopt;
+}
+
 /// Adds the metrics of a trial with a cue.
 void add_reach_figures(TrialFigures& figures, const RecordedTrial& trial, const Trial& samples) {
   const ReachTrial& reach = *trial.reach;
@@ -539,6 +566,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
   }
   if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
     figures.deviation = deviation(trial.time, trial.position, trial.reference);
+  if (trial.sense) figures.difference = difference_of(trial, *trial.sense);
   figures.peak_force = peak_of(trial.force);
   if (!trial.reach || trial.reach->goal != ReachGoal::press) figures.movement = movement_figures(samples, movement);
   return figures;

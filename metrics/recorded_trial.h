@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/path/path.h"
+#include "formats/documents/sense_task.h"
 #include "formats/recording/recording.h"
 #include "metrics/assessment.h"
 #include "metrics/deviation.h"
@@ -41,6 +42,7 @@ struct RecordedTrial {
   std::vector<double> radius;    ///< tunnel radius at that point [m]
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
   std::optional<ReachTrial> reach;  ///< its places and field
+  std::optional<SensePair> sense;   ///< where it shows the two places of a pair
   std::string spoiled;              ///< why a clamp or a lock did not act as planned; empty otherwise
 };
 
@@ -86,6 +88,7 @@ struct TrialFigures {
   std::optional<RangeFigures> range;  ///< of a range of motion
   std::optional<PressFigures> press;  ///< of a press against a lock
   std::optional<TrackFigures> track;  ///< of tracking
+  std::optional<double> difference;   ///< of a pair: distance of the second place less the first one [m]
   ReachKind reach_kind = ReachKind::plain;
 };
 

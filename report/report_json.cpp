@@ -74,7 +74,9 @@ json json_of_exercise(const ReportExercise& exercise) {
             {"partial", exercise.out_of_time()},
             {"metrics", std::move(summaries)}}},
           {"blocks", to_json(exercise.blocks)},
-          {"assessment", exercise.assessment ? to_json(*exercise.assessment) : json(nullptr)},
+          {"assessment", exercise.assessment ? to_json(*exercise.assessment)
+                         : exercise.sense    ? to_json(*exercise.sense)
+                                             : json(nullptr)},
           {"mode", exercise.mode},
           {"test", exercise.test},
           {"warm_up", exercise.warm_up},

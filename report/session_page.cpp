@@ -247,6 +247,7 @@ void add_exercise(xml_node section, const Report& report, const ReportCourse::Po
         "class", "soft");
   add_blocks(section, exercise);
   add_assessment(section, exercise);
+  if (exercise.sense) add(section, "p", capitalised(describe(*exercise.sense)) + ".");
   add_trials(section, exercise, person_of(report, point.session));
 }
 
@@ -349,6 +350,7 @@ std::string mode_in_words(const ReportExercise& exercise) {
       {"range", "left the hand to move as far as it can"},
       {"press", "held the hand, which pressed as hard as it can"},
       {"track", "left the hand to follow a moving target"},
+      {"sense", "moved the hand to two places, of which the person named the farther one"},
       {"playback", "played back the path"},
       {"recording", "recorded the movement"}};
   const auto found = kWords.find(exercise.mode);

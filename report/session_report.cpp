@@ -437,6 +437,9 @@ std::string places_in_words(const ReachTask& task) {
 std::string path_in_words(const Programme& programme, const Exercise& exercise) {
   std::string text = exercise.path;
   if (exercise.reach) text = places_in_words(*exercise.reach);
+  if (exercise.sense)
+    text = fmt::format("pairs of places that differ by {:.4g} to {:.4g} mm", 1e3 * exercise.sense->differences.front(),
+                       1e3 * exercise.sense->differences.back());
   if (exercise.shape) {
     text = exercise.shape->value("kind", std::string("shape"));
     if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
@@ -452,6 +455,7 @@ void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exerc
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
   if (mode == passive || mode == assisted || mode == cursor) trial.pace = settings.pace;
+  if (exercise.sense) return;
   if (mode != passive && mode != free && !exercise.reach) trial.radius = settings.radius;
   if (mode != passive && mode != free) trial.stiffness = settings.stiffness;
   if (mode == assisted) trial.assistance = settings.assistance;
@@ -511,6 +515,7 @@ class SessionReading {
       add_path(exercise, paths_[i], scales_[i]);
       exercise.blocks = summarise_blocks(programme_, i, log_);
       exercise.assessment = summarise_assessment(programme_, i, log_);
+      exercise.sense = summarise_sense(programme_, i, log_);
       if (asked.reach) exercise.reach = key_of(*asked.reach);
       if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
@@ -563,8 +568,8 @@ class SessionReading {
                                   .warm_up = i < programme_.warm_up.size(),
                                   .path = path_in_words(programme_, exercise)});
     // Scale of the expert's force as the participant should feel it.
-    const bool guided =
-        exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free && !exercise.reach;
+    const bool guided = exercise.mode != ExerciseMode::passive && exercise.mode != ExerciseMode::free &&
+                        !exercise.reach && !exercise.sense;
     scales_[i] = guided ? exercise.force_scale : 0;
     try {
       const Path path = load_path(file(log_.paths[i]));

@@ -7,6 +7,7 @@
 #include "formats/documents/session_log.h"
 #include "metrics/assessment_summary.h"
 #include "metrics/learning_curve.h"
+#include "metrics/position_sense.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "metrics/touches.h"
@@ -92,6 +93,7 @@ struct ReportExercise {
   std::vector<ReportTrend> trends;        ///< for every metric that is defined in a finished repetition
   std::vector<ReachBlockSummary> blocks;  ///< of a reaching exercise
   std::optional<AssessmentSummary> assessment;
+  std::optional<SenseSummary> sense;
   std::string reach;  ///< of a mode with a cue: what must not differ between sessions that compare; else empty
 
   [[nodiscard]] std::size_t finished() const;

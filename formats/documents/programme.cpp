@@ -18,8 +18,8 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<ExerciseMode, 10> kModeNames{
-    "mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track"}};
+constexpr EnumNames<ExerciseMode, 11> kModeNames{
+    "mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track", "sense"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
 constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
 const std::vector<std::string> kForceNames{"auto", "task", "measured", "sent"};
@@ -32,7 +32,7 @@ using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
                kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free,
                kReach = ExerciseMode::reach, kRange = ExerciseMode::range, kPress = ExerciseMode::press,
-               kTrack = ExerciseMode::track;
+               kTrack = ExerciseMode::track, kSense = ExerciseMode::sense;
 
 /// Keys that have a meaning in some modes only. All other keys apply to all modes.
 const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
@@ -57,7 +57,8 @@ const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
       {"reach", {kReach}},
       {"range", {kRange}},
       {"press", {kPress}},
-      {"track", {kTrack}}};
+      {"track", {kTrack}},
+      {"sense", {kSense}}};
   return keys;
 }
 
@@ -257,13 +258,13 @@ std::optional<ReachGoal> goal_of(ExerciseMode mode) {
 void check_places(const JsonReader& reader, const Exercise& exercise) {
   const int paths = (reader.has("path") ? 1 : 0) + (exercise.shape ? 1 : 0);
   const char* const mode = to_string(exercise.mode);
-  if (goal_of(exercise.mode)) {
+  if (goal_of(exercise.mode) || exercise.mode == kSense) {
     if (paths > 0)
       throw input_error(
           fmt::format("{}: mode {} has targets and no path; remove path and shape", reader.where(), mode));
     if (!reader.has(mode))
       throw input_error(fmt::format("{}: mode {} needs the key {}{}; see programme.schema.json", reader.where(), mode,
-                                    mode, exercise.mode == kTrack ? "" : ", with targets"));
+                                    mode, exercise.mode == kTrack || exercise.mode == kSense ? "" : ", with targets"));
   } else if (paths != 1 || (reader.has("path") && exercise.path.empty())) {
     throw input_error(reader.where() + ": needs either a path (a file) or a shape");
   }
@@ -282,6 +283,18 @@ void read_reach(JsonReader& reader, Exercise& exercise) {
         tries ? "`tries` states the number of trials for each target" : "the blocks state the number of reaches"));
   exercise.reach = read_reach_task(*settings, *goal, exercise.repetitions);
   exercise.repetitions = exercise.reach->reaches();
+}
+
+/// Reads the pairs of places of mode sense, which state the number of repetitions.
+void read_sense(JsonReader& reader, Exercise& exercise) {
+  if (exercise.mode != kSense) return;
+  std::optional<JsonReader> settings = reader.object("sense");
+  if (!settings) return;
+  if (reader.has("repetitions"))
+    throw input_error(reader.where() +
+                      ".repetitions: `tries` states the number of trials for each difference; remove it");
+  exercise.sense = read_sense_task(*settings);
+  exercise.repetitions = exercise.sense->trials();
 }
 
 /// Reads the time limit, which a trial with a cue always has, and checks that the trial can end within it.
@@ -332,6 +345,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
 
   exercise.repetitions = reader.integer("repetitions", exercise.repetitions, 1, 10'000);
   read_reach(reader, exercise);
+  read_sense(reader, exercise);
   exercise.rest = reader.number("rest", exercise.mode == kPress ? kRestOfPress : exercise.rest, 0, 3600);
   exercise.rest_after = reader.number("rest_after", exercise.rest_after, 0, 3600);
   exercise.hold = reader.number("hold", exercise.hold, 0, 3600);
@@ -429,7 +443,7 @@ bool has_tunnel(const Exercise& exercise) {
     const std::optional<ShownShare>& share = exercise.show[static_cast<std::size_t>(part)];
     return share && (share->from > 0 || share->to > 0);
   };
-  if (exercise.reach) return false;
+  if (exercise.reach || exercise.sense) return false;
   return exercise.mode != ExerciseMode::free || exercise.states_radius || shows(ScreenPart::tunnel) ||
          shows(ScreenPart::score);
 }
@@ -438,6 +452,7 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
   const Exercise& exercise = programme.exercise(i);
   const auto at = static_cast<std::size_t>(part);
   if (exercise.show[at]) return *exercise.show[at];
+  if (exercise.sense) return {0, 0};  // the eyes would tell what the hand must feel
   const bool is_test =
       exercise.test != TestLabel::none || exercise.mode == ExerciseMode::free || exercise.reach.has_value();
   if (is_test && part != ScreenPart::tool && part != ScreenPart::path) return {0, 0};
@@ -466,9 +481,9 @@ ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int
 }
 
 bool Programme::is_random() const noexcept {
-  const auto reaches = [](const Exercise& exercise) { return exercise.reach.has_value(); };
-  return order != TrialOrder::listed || std::any_of(warm_up.begin(), warm_up.end(), reaches) ||
-         std::any_of(exercises.begin(), exercises.end(), reaches);
+  const auto draws = [](const Exercise& exercise) { return exercise.reach || exercise.sense; };
+  return order != TrialOrder::listed || std::any_of(warm_up.begin(), warm_up.end(), draws) ||
+         std::any_of(exercises.begin(), exercises.end(), draws);
 }
 
 double DifficultyRange::at(double level) const {
@@ -515,6 +530,12 @@ Path path_of_reach(const ReachTask& task) {
   return path;
 }
 
+/// Returns the way from the start to the farthest place.
+Path path_of_sense(const SenseTask& task) {
+  const double farthest = task.reference + task.differences.back();
+  return {.name = "sense", .time = {0, 1}, .position = {task.start, task.start + farthest * task.axis}};
+}
+
 /// Reads the path of an exercise with the force that it asks for. Without guidance no force is replayed.
 Path load_expert(const Exercise& exercise, const std::filesystem::path& folder) {
   ExpertOptions options = exercise.expert;
@@ -538,6 +559,7 @@ Eigen::Matrix3d turn_of(const Programme& programme, const Exercise& exercise) {
 
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder) {
   Path path = exercise.reach   ? path_of_reach(*exercise.reach)
+              : exercise.sense ? path_of_sense(*exercise.sense)
               : exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
                                : load_expert(exercise, folder);
   exercise.change.apply(path);

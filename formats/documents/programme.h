@@ -5,6 +5,7 @@
 #include "control/path/path_change.h"
 #include "formats/documents/expert_recording.h"
 #include "formats/documents/reach_task.h"
+#include "formats/documents/sense_task.h"
 
 #include <array>
 #include <cstddef>
@@ -30,6 +31,8 @@ enum class ExerciseMode {
   range,  ///< leaves the participant to move as far as they can
   press,  ///< holds the hand while the participant presses as hard as they can
   track,  ///< leaves the participant to follow a moving target
+  // With an answer:
+  sense,  ///< moves the hand to two places, of which the participant names the farther one (SenseTask)
 };
 
 const char* to_string(ExerciseMode mode);
@@ -103,7 +106,8 @@ struct Exercise {
   std::string name;
   std::string path;                     ///< a file, relative to the programme's folder; or
   std::optional<nlohmann::json> shape;  ///< a shape and its options; or
-  std::optional<ReachTask> reach;       ///< targets, in a mode with a cue
+  std::optional<ReachTask> reach;       ///< targets, in a mode with a cue; or
+  std::optional<SenseTask> sense;       ///< pairs of places, in mode sense
   PathChange change;
   ExerciseMode mode = ExerciseMode::tunnel;
   TestLabel test = TestLabel::none;
@@ -184,8 +188,8 @@ ShownShare shown_share(const Programme& programme, std::size_t i, ScreenPart par
 ShownParts shown_parts(const Programme& programme, std::size_t i, int round, int repetition);
 
 /// Returns the path of an exercise for the participant. That of an exercise with a cue goes from the start to each
-/// target and back, a second each: sample 0 is the start, and sample 2 k + 1 the target k. Files are relative to
-/// `folder`. Throws Error(input).
+/// target and back, a second each: sample 0 is the start, and sample 2 k + 1 the target k. That of mode sense
+/// goes from the start to the farthest place. Files are relative to `folder`. Throws Error(input).
 Path path_of(const Programme& programme, const Exercise& exercise, const std::string& folder);
 
 /// Returns the linear part of the changes of an exercise with a cue and its participant, without the scale.

@@ -77,6 +77,7 @@ json json_of(const LoggedTrial& trial) {
   if (trial.initiation) result["initiation"] = haptrace::json_of(*trial.initiation);
   if (trial.reach) result["reach"] = haptrace::json_of(*trial.reach);
   if (trial.places) result["places"] = haptrace::json_of(*trial.places);
+  if (trial.sense) result["sense"] = haptrace::json_of(*trial.sense);
   return result;
 }
 
@@ -121,6 +122,7 @@ LoggedTrial trial_from(JsonReader& reader) {
     trial.initiation = initiation_from(*initiation);
   if (std::optional<JsonReader> reach = reader.object("reach")) trial.reach = planned_reach_from(*reach);
   if (std::optional<JsonReader> places = reader.object("places")) trial.places = reach_trial_from(*places);
+  if (std::optional<JsonReader> sense = reader.object("sense")) trial.sense = sense_trial_from(*sense);
   trial.notices = texts_from(reader, "notices");
   trial.figures = reader.value("figures");
   if (!trial.figures.is_null() && !trial.figures.is_object())
@@ -163,7 +165,7 @@ void check_exercise(const JsonReader& reader, std::size_t exercise, const Progra
 /// Checks that a reach belongs to its exercise.
 void check_reach(const JsonReader& reader, const std::optional<PlannedReach>& reach, const Exercise& exercise) {
   if (reach.has_value() != exercise.reach.has_value())
-    throw input_error(fmt::format("{}.reach: '{}' {} exercise in mode reach", reader.where(), exercise.name,
+    throw input_error(fmt::format("{}.reach: '{}' {} exercise with a cue", reader.where(), exercise.name,
                                   exercise.reach ? "is an" : "is no"));
   if (reach && (static_cast<std::size_t>(reach->target) >= exercise.reach->targets.size() ||
                 static_cast<std::size_t>(reach->block) >= exercise.reach->blocks.size()))
@@ -171,15 +173,27 @@ void check_reach(const JsonReader& reader, const std::optional<PlannedReach>& re
         fmt::format("{}.reach: target {} or block {} is out of range", reader.where(), reach->target, reach->block));
 }
 
+/// Checks that a pair of places belongs to its exercise.
+void check_sense(const JsonReader& reader, const std::optional<SenseTrial>& sense, const Exercise& exercise) {
+  if (sense.has_value() != exercise.sense.has_value())
+    throw input_error(fmt::format("{}.sense: '{}' {} exercise in mode sense", reader.where(), exercise.name,
+                                  exercise.sense ? "is an" : "is no"));
+  if (sense && static_cast<std::size_t>(sense->pair) >= 2 * exercise.sense->differences.size())
+    throw input_error(fmt::format("{}.sense: pair {} is out of range", reader.where(), sense->pair));
+}
+
 PlannedTrial planned_from(JsonReader& reader, const Programme& programme) {
   PlannedTrial trial{.exercise = static_cast<std::size_t>(reader.integer("exercise", 0, 0, 1 << 30)),
                      .round = reader.integer("round", 1, 1, 1 << 30),
                      .repetition = reader.integer("repetition", 1, 1, 1 << 30),
-                     .reach = {}};
+                     .reach = {},
+                     .sense = {}};
   if (std::optional<JsonReader> reach = reader.object("reach")) trial.reach = planned_reach_from(*reach);
+  if (std::optional<JsonReader> sense = reader.object("sense")) trial.sense = sense_trial_from(*sense);
   reader.finish();
   check_exercise(reader, trial.exercise, programme);
   check_reach(reader, trial.reach, programme.exercise(trial.exercise));
+  check_sense(reader, trial.sense, programme.exercise(trial.exercise));
   return trial;
 }
 
@@ -229,6 +243,7 @@ void save_session_log(const SessionLog& log, const std::string& folder) {
       result["schedule"].push_back(
           {{"exercise", trial.exercise}, {"round", trial.round}, {"repetition", trial.repetition}});
       if (trial.reach) result["schedule"].back()["reach"] = haptrace::json_of(*trial.reach);
+      if (trial.sense) result["schedule"].back()["sense"] = haptrace::json_of(*trial.sense);
     }
     result["generator"] = log.generator;
   }
@@ -264,6 +279,7 @@ SessionLog load_session_log(const std::string& where) {
     log.trials.push_back(trial_from(one));
     check_exercise(one, log.trials.back().exercise, programme);
     check_reach(one, log.trials.back().reach, programme.exercise(log.trials.back().exercise));
+    check_sense(one, log.trials.back().sense, programme.exercise(log.trials.back().exercise));
   }
   log.complete = reader.boolean("complete", false);
   reader.finish();

@@ -44,8 +44,9 @@ struct LoggedTrial {
   std::vector<std::string> notices;
   nlohmann::json figures;                ///< to_json(TrialFigures); null if it was stopped
   std::optional<Initiation> initiation;  ///< with a back wall
-  std::optional<PlannedReach> reach;     ///< of an exercise in mode reach
+  std::optional<PlannedReach> reach;     ///< of an exercise with a cue
   std::optional<ReachTrial> places;      ///< its places and field, as they were used
+  std::optional<SenseTrial> sense;       ///< of an exercise in mode sense, with its answer
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
   [[nodiscard]] bool skipped() const { return stopped_by == "skipped"; }  ///< by a command
@@ -74,7 +75,8 @@ struct Sitting {
 struct PlannedTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
-  std::optional<PlannedReach> reach;  ///< of an exercise in mode reach
+  std::optional<PlannedReach> reach;  ///< of an exercise with a cue
+  std::optional<SenseTrial> sense;    ///< of an exercise in mode sense
 
   bool operator==(const PlannedTrial&) const = default;
 };

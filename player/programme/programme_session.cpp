@@ -10,6 +10,7 @@
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_file.h"
 #include "metrics/assessment_summary.h"
+#include "metrics/position_sense.h"
 #include "metrics/reach_blocks.h"
 #include "metrics/recorded_trial.h"
 #include "player/calibration/device_identity.h"
@@ -99,8 +100,9 @@ class TrialWatch final : public SampleSink {
 
 ScheduledTrial scheduled(const Programme& programme, const PlannedTrial& trial) {
   const Exercise& exercise = programme.exercise(trial.exercise);
-  return {trial.exercise, trial.round, trial.repetition,
-          exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0), trial.reach};
+  return {trial.exercise,   trial.round,
+          trial.repetition, exercise.rest + (trial.repetition == exercise.repetitions ? exercise.rest_after : 0),
+          trial.reach,      trial.sense};
 }
 
 double length_of(const Path& path) {
@@ -123,6 +125,11 @@ double expected_time(const Exercise& exercise, const Path& path) {
       return before + exercise.time_limit + exercise.hold;
     const double movement = task.goal == ReachGoal::range ? kUsualRange : kUsualReach;
     return before + kReaction + movement + task.target_hold + exercise.hold;
+  }
+  if (exercise.sense) {
+    const SenseTask& task = *exercise.sense;
+    constexpr double kAnswer = 2, kBefore = 0.5;  // [s]
+    return kBefore + 4 * task.move + 2 * task.stay + SenseTask::kPause + exercise.hold + kAnswer;
   }
   const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
                         exercise.mode == ExerciseMode::cursor;
@@ -150,9 +157,9 @@ std::size_t place_of_target(int target) {
   return 2 * static_cast<std::size_t>(target) + 1;
 }
 
-/// Returns the file of the straight movement to a target, beside the exercise's path.
-std::string movement_file(const std::string& path, int target) {
-  return (fs::path(path).parent_path() / fmt::format("{}-target-{}.h5", fs::path(path).stem().string(), target + 1))
+/// Returns the file of a movement of movements_of(), beside the exercise's path.
+std::string movement_file(const std::string& path, int movement) {
+  return (fs::path(path).parent_path() / fmt::format("{}-target-{}.h5", fs::path(path).stem().string(), movement + 1))
       .string();
 }
 
@@ -174,6 +181,29 @@ Path movement_to(const Exercise& exercise, const Path& places, int target) {
     path.position.push_back(start + MinJerk::at(i * kStep / kUsualReach).s * way);
   }
   return path;
+}
+
+/// Returns the task of an exercise in the coordinates of its placed path, see path_of().
+SenseTask placed(const SenseTask& task, const Path& path) {
+  SenseTask result = task;
+  result.start = path.position.front();
+  result.axis = (path.position.back() - path.position.front()) / (task.reference + task.differences.back());
+  return result;
+}
+
+/// Returns the movements that the trials of an exercise choose from: to each target, or of each pair of places. Others
+/// have none.
+std::vector<Path> movements_of(const Exercise& exercise, const Path& path) {
+  std::vector<Path> movements;
+  if (exercise.reach)
+    for (int target = 0; target < static_cast<int>(exercise.reach->targets.size()); ++target)
+      movements.push_back(movement_to(exercise, path, target));
+  if (exercise.sense) {
+    const SenseTask task = placed(*exercise.sense, path);
+    for (int pair = 0; pair < static_cast<int>(task.pairs().size()); ++pair)
+      movements.push_back(path_of_pair(task, pair));
+  }
+  return movements;
 }
 
 /// Fits all paths with one transformation, so that they keep their positions relative to each other.
@@ -426,12 +456,36 @@ class ProgrammeRun {
 
   /// Sleeps for a moment and returns its duration [s].
   double idle(double seconds_left) {
-    const Stopwatch watch;
     if (options_.rests) options_.rests(seconds_left);
+    return wait_a_moment(seconds_left);
+  }
+
+  /// Sleeps for a tenth of a second, or less if less is left, and returns the duration [s].
+  static double wait_a_moment(double seconds_left) {
+    const Stopwatch watch;
     constexpr double kStep = 0.1;  // [s]
     std::this_thread::sleep_for(
         std::chrono::duration<double>(std::isnan(seconds_left) ? kStep : std::min(kStep, seconds_left)));
     return watch.seconds();
+  }
+
+  /// Waits for the participant's answer. Returns 0 if there is none within `patience` [s] or before a stop.
+  int ask(double patience) {
+    if (!options_.asks) return 0;
+    for (double left = patience; left > 0 && stop_.count() == 0;) {
+      if (const int answer = options_.asks(left); answer != 0 || virtual_) return answer;
+      const double passed = wait_a_moment(left);
+      sitting().duration += passed;
+      left -= passed;
+    }
+    return 0;
+  }
+
+  /// Returns the file of the path of a trial, relative to the session's folder.
+  [[nodiscard]] std::string path_of_trial(const LoggedTrial& trial) const {
+    const std::string& path = result_.log.paths[trial.exercise];
+    if (trial.reach) return movement_file(path, trial.reach->target);
+    return trial.sense ? movement_file(path, trial.sense->pair) : path;
   }
 
   /// Runs one repetition, logs it, and updates the progression.
@@ -445,12 +499,11 @@ class ProgrammeRun {
                       .began = now_text(),
                       .shown = shown_parts(programme_, i, scheduled.round, scheduled.repetition)};
     if (exercise.reach) place_reach(scheduled, trial);
+    trial.sense = scheduled.sense;
     const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
     if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
-    const std::shared_ptr<Device> device =
-        options_.open(exercise, trial.settings,
-                      trial.reach ? file(movement_file(log().paths[i], trial.reach->target)) : file(log().paths[i]));
+    const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(path_of_trial(trial)));
     check(device->info());
     if (steering_of(*device) != nullptr) trial.input = kIntentOfView;
     log().trials.push_back(trial);
@@ -484,6 +537,10 @@ class ProgrammeRun {
     if (exercise.mode != ExerciseMode::passive && !exercise.reach) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
+    }
+    if (trial.sense && trial.finished()) {
+      trial.sense->answer = ask(exercise.sense->answer);
+      if (trial.sense->answer == 0) trial.stopped_by = "time_over";
     }
     measure(trial);
     sitting().duration += trial.duration;
@@ -569,6 +626,7 @@ class ProgrammeRun {
                     const StopRequest& stop) {
     switch (exercise.mode) {
       case ExerciseMode::passive:
+      case ExerciseMode::sense:
         return move(device, exercise, trial, watch, stop);
       case ExerciseMode::reach:
       case ExerciseMode::range:
@@ -634,17 +692,18 @@ class ProgrammeRun {
 
   TrialRun move(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
                 const StopRequest& stop) {
-    const std::string path = file(log().paths[trial.exercise]);
+    const std::string path = file(path_of_trial(trial));
+    nlohmann::json config{{"verb", "play"},
+                          {"path", absolute(path_of_trial(trial))},
+                          {"speed", trial.settings.pace},
+                          {"max-deviation", options_.max_deviation}};
+    if (exercise.sense) config["sense"] = json_of(sense_pair(*exercise.sense, turn_of(programme_, exercise)));
     PlayOptions options{.identified = identified_,
                         .playback = {.speed = trial.settings.pace,
                                      .hold = exercise.hold,
                                      .approach_speed = kApproachSpeed,
                                      .max_deviation = options_.max_deviation},
-                        .session = session_for(device.info(), exercise, trial, watch,
-                                               {{"verb", "play"},
-                                                {"path", absolute(log().paths[trial.exercise])},
-                                                {"speed", trial.settings.pace},
-                                                {"max-deviation", options_.max_deviation}}),
+                        .session = session_for(device.info(), exercise, trial, watch, std::move(config)),
                         .sinks = {&watch},
                         .live = options_.live};
     const PlayPlan plan = plan_playback(device.info(), open_path(path), options);
@@ -762,16 +821,23 @@ class ProgrammeRun {
 
 namespace {
 
-/// Draws the reaches of every exercise and round, after the order, which does not depend on them.
+/// Draws the reaches and pairs of every exercise and round, after the order, which does not depend on them.
 void add_reaches(const Programme& programme, OrderDraw& draw, std::vector<ScheduledTrial>& trials) {
   for (std::size_t i = 0; i < programme.size(); ++i) {
-    if (!programme.exercise(i).reach) continue;
+    const Exercise& exercise = programme.exercise(i);
+    if (!exercise.reach && !exercise.sense) continue;
     const int rounds = i < programme.warm_up.size() ? 1 : programme.rounds;
     for (int round = 1; round <= rounds; ++round) {
-      const std::vector<PlannedReach> reaches = order_of_reaches(*programme.exercise(i).reach, draw);
-      for (ScheduledTrial& trial : trials)
-        if (trial.exercise == i && trial.round == round)
-          trial.reach = reaches.at(static_cast<std::size_t>(trial.repetition) - 1);
+      std::vector<PlannedReach> reaches;
+      std::vector<SenseTrial> pairs;
+      if (exercise.reach) reaches = order_of_reaches(*exercise.reach, draw);
+      if (exercise.sense) pairs = order_of_pairs(*exercise.sense, draw);
+      for (ScheduledTrial& trial : trials) {
+        if (trial.exercise != i || trial.round != round) continue;
+        const auto at = static_cast<std::size_t>(trial.repetition) - 1;
+        if (exercise.reach) trial.reach = reaches.at(at);
+        if (exercise.sense) trial.sense = pairs.at(at);
+      }
     }
   }
 }
@@ -782,11 +848,11 @@ std::vector<ScheduledTrial> schedule(const Programme& programme) {
   std::vector<ScheduledTrial> trials;
   for (std::size_t i = 0; i < programme.warm_up.size(); ++i)
     for (int repetition = 1; repetition <= programme.warm_up[i].repetitions; ++repetition)
-      trials.push_back(scheduled(programme, {i, 1, repetition, {}}));
+      trials.push_back(scheduled(programme, {i, 1, repetition, {}, {}}));
   OrderDraw draw(programme.seed.value_or(0));
   for (int round = 1; round <= programme.rounds; ++round)
     for (const OrderedTrial& trial : order_of_round(programme, draw))
-      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition, {}}));
+      trials.push_back(scheduled(programme, {trial.exercise, round, trial.repetition, {}, {}}));
   add_reaches(programme, draw, trials);
   if (!trials.empty()) trials.back().rest = 0;
   return trials;
@@ -884,7 +950,7 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
   const Programme read = programme_from_json(log.programme, where);
   if (read.is_random()) {
     for (const ScheduledTrial& trial : schedule(read))
-      log.schedule.push_back({trial.exercise, trial.round, trial.repetition, trial.reach});
+      log.schedule.push_back({trial.exercise, trial.round, trial.repetition, trial.reach, trial.sense});
     log.generator = OrderDraw::kName;
   }
   if (!plan.parts.empty() && plan.parts.front().fit) log.fit = describe(*plan.parts.front().fit);
@@ -901,11 +967,10 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
       const std::string name = read.exercise(i).name;
       log.paths.push_back(fmt::format("paths/{:02}-{}.h5", i + 1, file_name(name)));
       save_path(plan.paths[i], (folder / log.paths.back()).string(), name, false);
-      if (!read.exercise(i).reach) continue;
-      for (int target = 0; target < static_cast<int>(read.exercise(i).reach->targets.size()); ++target)
-        save_path(movement_to(read.exercise(i), plan.paths[i], target),
-                  (folder / movement_file(log.paths.back(), target)).string(),
-                  fmt::format("{}, target {}", name, target + 1), false);
+      const std::vector<Path> movements = movements_of(read.exercise(i), plan.paths[i]);
+      for (std::size_t k = 0; k < movements.size(); ++k)
+        save_path(movements[k], (folder / movement_file(log.paths.back(), static_cast<int>(k))).string(),
+                  fmt::format("{}, {}", name, movements[k].name), false);
     }
     if (options.profile) save_profile(*options.profile, (folder / kSessionProfile).string(), false);
     save_session_log(log, options.folder);
@@ -968,6 +1033,8 @@ nlohmann::json to_json(const ProgrammeResult& result) {
     if (programme.exercise(i).mode == ExerciseMode::reach)
       json["reaching"].push_back({{"exercise", name}, {"blocks", to_json(summarise_blocks(programme, i, log))}});
     if (const std::optional<AssessmentSummary> summary = summarise_assessment(programme, i, log))
+      json["assessments"].push_back({{"exercise", name}, {"result", to_json(*summary)}});
+    if (const std::optional<SenseSummary> summary = summarise_sense(programme, i, log))
       json["assessments"].push_back({{"exercise", name}, {"result", to_json(*summary)}});
   }
   if (!log.sittings.empty()) {

@@ -18,7 +18,8 @@ struct ScheduledTrial {
   std::size_t exercise = 0;  ///< see Programme::exercise
   int round = 1, repetition = 1;
   double rest = 0;                    ///< rest after the repetition [s]
-  std::optional<PlannedReach> reach;  ///< of an exercise in mode reach
+  std::optional<PlannedReach> reach;  ///< of an exercise with a cue
+  std::optional<SenseTrial> sense;    ///< of an exercise in mode sense
 };
 
 /// One repetition, as it is announced to a trainee.
@@ -32,8 +33,8 @@ struct TrainingTrial {
 
 /// Returns every repetition in order: the warm-up once, then the exercises, round by round, as the programme's order
 /// asks (trial_order.h); a random order without a seed takes that of seed 0. The same generator then draws the reaches
-/// of every exercise and round (reach_order.h). The last repetition has no rest. Throws Error(input) like
-/// order_of_round() and order_of_reaches().
+/// or pairs of places of every exercise and round (reach_order.h). The last repetition has no rest. Throws Error(input)
+/// like order_of_round() and order_of_reaches().
 std::vector<ScheduledTrial> schedule(const Programme& programme);
 
 /// Returns the same with a seed drawn from the operating system, if the programme needs one and states none.
@@ -65,8 +66,8 @@ struct ProgrammeOptions {
   std::optional<DeviceProfile> profile;  ///< profile of a calibrated device; a resumed session has its own
   double max_deviation = 0.1;            ///< distance from the path or reference beyond which the session stops [m]
 
-  /// Returns the device for a trial of `exercise` along `path`, a file: in mode reach, of the straight movement to the
-  /// target. May return the same device again.
+  /// Returns the device for a trial of `exercise` along `path`, a file: with a cue, of the movement to the target or of
+  /// the target; in mode sense, of the pair. May return the same device again.
   std::function<std::shared_ptr<Device>(const Exercise& exercise, const TrialSettings& settings,
                                         const std::string& path)>
       open;
@@ -78,6 +79,9 @@ struct ProgrammeOptions {
   std::function<void(const TrainingTrial&)> announces;  ///< called before `begins`
   std::function<void(const LoggedTrial&)> ended;
   std::function<void(double seconds_left)> rests;  ///< called about ten times a second; NaN while paused
+  /// Asks for the farther one of two places (mode sense): returns 1 or 2, or 0 while there is no answer yet. Called
+  /// about ten times a second, in virtual time once.
+  std::function<int(double seconds_left)> asks;
 };
 
 /// Creates the folder of a session, with its paths, its profile and a log without trials. Throws Error(input) when the

@@ -80,4 +80,12 @@ std::vector<PlannedReach> order_of_reaches(const ReachTask& task, OrderDraw& dra
   return reaches;
 }
 
+std::vector<SenseTrial> order_of_pairs(const SenseTask& task, OrderDraw& draw) {
+  std::vector<SenseTrial> trials;
+  for (int pair = 0; pair < static_cast<int>(task.pairs().size()); ++pair)
+    trials.insert(trials.end(), static_cast<std::size_t>(task.tries / 2), SenseTrial{.pair = pair});
+  draw.shuffle(trials);
+  return trials;
+}
+
 }  // namespace haptrace

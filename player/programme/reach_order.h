@@ -1,7 +1,8 @@
-// The reaches of an exercise in their order, drawn from the programme's seed.
+// The reaches, or pairs of places, of an exercise in their order, drawn from the programme's seed.
 #pragma once
 
 #include "formats/documents/reach_task.h"
+#include "formats/documents/sense_task.h"
 #include "player/programme/trial_order.h"
 
 #include <vector>
@@ -15,5 +16,8 @@ namespace haptrace {
 ///
 /// Throws Error(input) naming the block if its clamps and catch trials have no room.
 std::vector<PlannedReach> order_of_reaches(const ReachTask& task, OrderDraw& draw);
+
+/// Returns all pairs of an exercise in a random order: each difference as often with the farther place first as second.
+std::vector<SenseTrial> order_of_pairs(const SenseTask& task, OrderDraw& draw);
 
 }  // namespace haptrace

@@ -14,8 +14,8 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<TrainingScreen::State, 8> kStates{
-    "state", {"waiting", "approach", "go", "moving", "done", "rest", "stopped", "finished"}};
+constexpr EnumNames<TrainingScreen::State, 9> kStates{
+    "state", {"waiting", "approach", "go", "moving", "done", "rest", "question", "stopped", "finished"}};
 
 constexpr std::size_t kLeastEarlier = 3;  // repetitions that have a spread
 constexpr double kSpreads = 1.5;          // median absolute deviations: about one standard deviation
@@ -112,7 +112,7 @@ bool TrainingProgress::observe(const Sample& sample) {
   using Step = TrainingScreen::State;
   Step state = screen_.state;
   const double now = 1e-9 * static_cast<double>(sample.time_ns);
-  if (state == Step::stopped || state == Step::finished || state == Step::rest) return false;
+  if (state == Step::stopped || state == Step::finished || state == Step::rest || state == Step::question) return false;
   switch (sample.phase) {
     case Phase::approach:
       state = Step::approach;
@@ -152,6 +152,11 @@ void TrainingProgress::end(bool stopped, std::optional<TrainingScore> score) {
 
 void TrainingProgress::rest(double left) {
   screen_.state = std::isnan(left) ? TrainingScreen::State::waiting : TrainingScreen::State::rest;
+  screen_.rest = left;
+}
+
+void TrainingProgress::ask(double left) {
+  screen_.state = TrainingScreen::State::question;
   screen_.rest = left;
 }
 

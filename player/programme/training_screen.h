@@ -28,13 +28,14 @@ struct TrainingScreen {
     moving,
     done,
     rest,
+    question,  ///< which of two places was farther
     stopped,   ///< a limit, a fault or a command ended the repetition
     finished,  ///< the session is over
   };
 
   State state = State::waiting;
   TrainingTrial trial;
-  double rest = kNaN;                  ///< time left until the next repetition [s]
+  double rest = kNaN;                  ///< time left until the next repetition, or for the answer [s]
   std::optional<TrainingScore> score;  ///< of the last repetition, if it shows one
 };
 
@@ -68,6 +69,8 @@ class TrainingProgress {
   void end(bool stopped, std::optional<TrainingScore> score);
   /// Rests for `left` more seconds; NaN: paused.
   void rest(double left);
+  /// Asks which place was farther, for `left` more seconds.
+  void ask(double left);
   /// Ends the session.
   void finish(bool stopped);
 

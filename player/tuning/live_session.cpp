@@ -19,11 +19,11 @@ constexpr std::size_t kLongestHistory = 1000;  // changes
 constexpr std::size_t kMostNotices = 1000;
 constexpr std::size_t kLongestText = 120;  // of a mark or a note [bytes]
 
-const std::vector<std::string> kActions{"pause", "resume",  "skip", "repeat", "mark", "note", "soften",
-                                        "stop",  "restore", "get",  "reset",  "help", "quit"};
+const std::vector<std::string> kActions{"pause",   "resume", "skip",  "repeat", "mark", "note",  "soften", "stop",
+                                        "restore", "get",    "reset", "help",   "quit", "first", "second"};
 constexpr const char* kHelp =
     "pause ; resume ; skip ; repeat ; mark [TEXT] ; note TEXT ; soften ; restore ; stop ; get ; get NAME ; reset ; "
-    "help ; quit";
+    "first ; second ; help ; quit";
 
 bool known(const std::string& name, const std::vector<std::string>& names) {
   return std::find(names.begin(), names.end(), name) != names.end();
@@ -101,6 +101,7 @@ std::string LiveSession::act(const std::string& name) {
   if (name == "skip") return skip();
   if (name == "repeat") return repeat();
   if (name == "soften" || name == "restore") return soften(name == "soften");
+  if (name == "first" || name == "second") return answer_with(name);
   if (options_.stop == nullptr) throw input_error("stop: this session cannot be stopped by a command; use Ctrl+C");
   if (options_.stop->count() == 0) log("session: stop", "stop", {});
   options_.stop->raise(StopSource::command);
@@ -150,6 +151,20 @@ std::string LiveSession::repeat() {
   }
   log("session: repeat", "repeat", {});
   return "repeat: once more after this repetition";
+}
+
+std::string LiveSession::answer_with(const std::string& name) {
+  if (!asks_) throw input_error(name + ": there is no question now");
+  answered_ = name == "first" ? 1 : 2;
+  log("answer: " + name, name, "answer");
+  return name;
+}
+
+int LiveSession::answer_of(bool asking) {
+  const std::lock_guard lock(mutex_);
+  const int answer = std::exchange(answered_, 0);
+  asks_ = asking && answer == 0;
+  return answer;
 }
 
 std::string LiveSession::soften(bool softened) {
@@ -227,6 +242,7 @@ std::vector<std::string> LiveSession::actions() const {
                           : options_.programme ? !recording_.empty() && !repeats_
                                                : !options_.endless && wanted_.repeats < kMostRepeats;
   if (repeatable) names.emplace_back("repeat");
+  if (asks_) names.insert(names.end(), {"first", "second"});
   names.insert(names.end(), {"mark", "note"});
   return names;
 }

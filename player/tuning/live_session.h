@@ -25,6 +25,7 @@ namespace haptrace {
 /// Obeys the commands of one line each (docs/tuning.md) that concern a whole session:
 ///
 ///     pause, resume, skip, repeat, mark [TEXT], note TEXT, soften, restore, stop, get, get NAME, reset, help, quit
+///     first, second: the answer to a question of the programme
 ///
 /// A derived class adds quantities, "NAME VALUE". Every effective command adds a notice, a line of the history and, if
 /// there are annotations, a mark in the recording: "tuned: kp 2000", "session: pause". As a sink, the object only
@@ -95,6 +96,9 @@ class LiveSession : public Commands, public SampleSink {
   /// In a programme: returns true once if the last repetition is to be done again.
   bool take_repeat();
 
+  /// Asks a question: returns 1 or 2 once it was answered, 0 until then. `asking` false withdraws it.
+  int answer_of(bool asking);
+
   using SampleSink::push;
   void push(const Sample& sample) noexcept override { now_ns_.store(sample.time_ns, std::memory_order_relaxed); }
 
@@ -146,6 +150,7 @@ class LiveSession : public Commands, public SampleSink {
   std::string skip();
   std::string repeat();
   std::string soften(bool softened);
+  std::string answer_with(const std::string& name);
   /// Posts the share that softening asks for, by command and because nobody attends.
   void post_share();
   std::string annotate(const std::string& name, std::string_view text);
@@ -163,6 +168,8 @@ class LiveSession : public Commands, public SampleSink {
   bool skipped_ = false, repeats_ = false;
   bool softened_ = false;  ///< by a command
   bool attended_ = true, unattended_in_trial_ = false;
+  bool asks_ = false;  ///< a question waits for its answer
+  int answered_ = 0;   ///< 1 or 2; 0: not yet
   int marks_ = 0;
   std::deque<Change> changes_;
   std::size_t changed_ = 0;

@@ -99,19 +99,20 @@ TEST(RunCommand, AssessesRangeOfMotionTrackingAndForceAndReportsThem) {
   sample["exercises"][0]["range"]["tries"] = 1;
   sample["exercises"][1]["repetitions"] = 3;
   sample["exercises"][2]["repetitions"] = 1;
-  sample["exercises"][3]["press"]["tries"] = 1;
+  sample["exercises"][3]["sense"]["tries"] = 2;
+  sample["exercises"][4]["press"]["tries"] = 1;
   const std::string session = folder / "session";
   const Answer answer = haptrace("run", folder.write("assessments.json", sample.dump()), "--device",
                                  "sim:preset=falcon,hand=firm,intent={path}", "-o", session, "--json");
   ASSERT_EQ(answer.exit_code, 0) << answer.err;
-  EXPECT_THAT(answer.err, AllOf(HasSubstr("1 of 14: range of motion, repetition 1 (direction "),
+  EXPECT_THAT(answer.err, AllOf(HasSubstr("1 of 24: range of motion, repetition 1 (direction "),
                                 HasSubstr("range of motion"), HasSubstr("rms error of tracking")));
   const nlohmann::json json = answer.json();
   EXPECT_EQ(json["reaching"].size(), 1U);
   EXPECT_TRUE(json["reaching"][0]["blocks"][0]["reaction_time_s"].is_number());
-  ASSERT_EQ(json["assessments"].size(), 3U);
+  ASSERT_EQ(json["assessments"].size(), 4U);
   const nlohmann::json range = json["assessments"][0]["result"], track = json["assessments"][1]["result"],
-                       press = json["assessments"][2]["result"];
+                       sense = json["assessments"][2]["result"], press = json["assessments"][3]["result"];
   for (const nlohmann::json& direction : range["directions"]) {
     EXPECT_NEAR(direction["best_m"].get<double>(), 0.03, 3e-3) << "where the simulated hand wants to be";
     EXPECT_EQ(direction["at_limit"], false);
@@ -119,6 +120,9 @@ TEST(RunCommand, AssessesRangeOfMotionTrackingAndForceAndReportsThem) {
   EXPECT_NEAR(range["area_m2"].get<double>(), 0.03 * 0.03 * 2 * std::sqrt(2.0), 4e-4) << "an octagon";
   EXPECT_NEAR(track["gain"].get<double>(), 1, 0.1);
   EXPECT_GT(track["rms_m"].get<double>(), 1e-3);
+  EXPECT_EQ(sense["unanswered"], 10) << "nobody answers";
+  for (const nlohmann::json& trial : json["trials"])
+    if (trial["mode"] == "sense") EXPECT_TRUE(trial["figures"]["sense_difference_m"].is_number()) << trial;
   EXPECT_EQ(press["directions"].size(), 2U);
   for (const nlohmann::json& direction : press["directions"]) EXPECT_GT(direction["best_n"].get<double>(), 0.5);
   const Answer report = haptrace("report", session, "--csv", folder / "trials.csv", "-o", folder / "page.html");

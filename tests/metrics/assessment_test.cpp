@@ -3,6 +3,7 @@
 
 #include "control/path/min_jerk.h"
 #include "metrics/assessment_summary.h"
+#include "metrics/position_sense.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <numbers>
+#include <random>
 #include <vector>
 
 namespace haptrace {
@@ -141,6 +143,82 @@ TEST(Tracking, MovesItsTargetWithinItsBoundsFromRest) {
   for (double t = 0; t < 100; t += 0.01) largest = std::max(largest, std::abs(signal.at(t)));
   EXPECT_LE(largest, 1);
   EXPECT_GT(largest, 0.5);
+}
+
+/// Answers of an observer with a threshold and a bias [m] to each of these differences, `tries` times.
+std::vector<SenseAnswer> answers_of(double threshold, double bias, int tries, std::mt19937_64& random) {
+  std::vector<SenseAnswer> answers;
+  std::uniform_real_distribution<double> even(0, 1);
+  for (const double size : {0.002, 0.004, 0.006, 0.01, 0.016})
+    for (const double d : {-size, size})
+      for (int i = 0; i < tries / 2; ++i) {
+        const double p = 0.01 + 0.98 / (1 + std::exp(-1.1257 * (d - bias) / threshold));
+        answers.push_back({.difference = d, .second = even(random) < p});
+      }
+  return answers;
+}
+
+TEST(PositionSense, TheMeanThresholdOf200SessionsIsWithinFivePerCentOfTheTruth) {
+  std::mt19937_64 random(11);
+  for (const double threshold : {0.003, 0.006}) {
+    double sum = 0, bias = 0;
+    for (int session = 0; session < 200; ++session) {
+      const auto fit = fit_sense(answers_of(threshold, 0.001, 24, random));
+      ASSERT_TRUE(fit);
+      sum += fit->threshold;
+      bias += fit->bias;
+    }
+    EXPECT_NEAR(sum / 200, threshold, 0.05 * threshold);
+    EXPECT_NEAR(bias / 200, 0.001, 0.2e-3);
+  }
+}
+
+TEST(PositionSense, IsExactForProbabilitiesThatFollowTheModel) {
+  // 10 000 answers to each difference, in exact shares.
+  std::vector<SenseAnswer> answers;
+  for (const double d : {-0.008, -0.004, -0.002, 0.002, 0.004, 0.008}) {
+    const double p = 0.01 + 0.98 / (1 + std::exp(-1.1257 * (d + 0.0005) / 0.004));
+    for (int i = 0; i < 2000; ++i) answers.push_back({.difference = d, .second = i < p * 2000});
+  }
+  const auto fit = fit_sense(answers);
+  ASSERT_TRUE(fit);
+  EXPECT_NEAR(fit->threshold, 0.004, 2e-5);
+  EXPECT_NEAR(fit->bias, -0.0005, 2e-5);
+  EXPECT_NEAR(fit->slope, 0.98 * 1.1257 / (4 * 0.004), 0.5);
+}
+
+TEST(PositionSense, HasNoThresholdForAnswersThatAreAllRightOrByChanceOrFew) {
+  std::vector<SenseAnswer> right, chance;
+  for (int i = 0; i < 100; ++i) {
+    const double d = (i % 2 == 0 ? 1 : -1) * 0.002 * (1 + i % 5);
+    right.push_back({.difference = d, .second = d > 0});
+    chance.push_back({.difference = d, .second = (i / 2) % 2 == 0});
+  }
+  EXPECT_FALSE(fit_sense(right));
+  EXPECT_FALSE(fit_sense(chance));
+  EXPECT_FALSE(fit_sense({}));
+  std::mt19937_64 random(1);
+  EXPECT_FALSE(fit_sense(std::span(answers_of(0.004, 0, 24, random)).first(19)));
+}
+
+TEST(PositionSense, CountsAnswersAndThoseThatNeverCame) {
+  const Programme programme = programme_from_json(
+      nlohmann::json::parse(R"({"haptrace_programme": 1, "exercises": [{"mode": "sense", "sense": {}}]})"), "p.json");
+  SessionLog log;
+  const auto add = [&](double difference, int answer) {
+    log.trials.push_back({.exercise = 0,
+                          .stopped_by = answer == 0 ? "time_over" : "finished",
+                          .figures = {{"sense_difference_m", difference}},
+                          .sense = SenseTrial{.pair = 0, .answer = answer}});
+  };
+  add(0.004, 2);
+  add(-0.004, 2);
+  add(-0.004, 1);
+  add(0.004, 0);
+  const auto summary = summarise_sense(programme, 0, log);
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(describe(*summary), "3 answers, 67 % right, 1 without an answer: no threshold from fewer than 20 answers");
+  EXPECT_EQ(to_json(*summary)["right"], 2);
 }
 
 /// A log of trials of one exercise.

@@ -25,9 +25,10 @@ bool relates_values(const json& programme) {
     (void)programme_from_json(programme, "p");
   } catch (const Error& error) {
     const std::string why = error.what();
-    for (const char* words : {"from the start, within start_radius", "leads out of the plane", "must not be above most",
-                              "no reach can end within time_limit", "is none; raise the share", "is in the start",
-                              "has no length, so it is no direction", "tracking lasts", "a press lasts"})
+    for (const char* words :
+         {"from the start, within start_radius", "leads out of the plane", "must not be above most",
+          "no reach can end within time_limit", "is none; raise the share", "is in the start",
+          "has no length, so it is no direction", "tracking lasts", "a press lasts", "the same number is there twice"})
       if (why.find(words) != std::string::npos) return true;
   }
   return false;
@@ -78,8 +79,8 @@ void change_everything(const json& whole, const json& part, const json::json_poi
     with(json::object());
     for (std::size_t i = 0; i < part.size(); ++i) change_everything(whole, part[i], at / i, changed);
   } else if (at.back() == "mode") {
-    for (const char* mode :
-         {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track", "other"})
+    for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press",
+                             "track", "sense", "other"})
       with(mode);
   } else {
     for (const json& value :
@@ -123,7 +124,9 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
        "break_out": 0.02, "energy": 1, "locked": false}},
       {"mode": "press", "press": {"targets": [[0, 0.1, 0]], "locked": true}},
       {"mode": "track", "repetitions": 2, "track": {"axis": [0, 1, 0], "frequencies": [0.2, 0.5], "pattern": 3,
-       "amplitude": 0.02, "discard": 4, "start": 0.01}}]})");
+       "amplitude": 0.02, "discard": 4, "start": 0.01}},
+      {"mode": "sense", "sense": {"axis": [0, 1, 0], "reference": 0.02, "differences": [0.001, 0.02], "tries": 4,
+       "move": 0.5, "stay": 0.6, "answer_time": 5, "start": [0, 0.01, 0]}}]})");
   EXPECT_TRUE(is_read(assessed));
   change_everything(assessed, assessed, json::json_pointer(), programmes);
   ASSERT_GT(programmes.size(), 1000U);

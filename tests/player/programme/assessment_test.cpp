@@ -1,12 +1,16 @@
-// Range of motion, press and tracking with simulated participants: what is measured is what they really did.
+// Assessments with simulated participants: what is measured is what they really did.
+#include "base/json_reader.h"
 #include "control/velocity_estimator.h"
+#include "devices/registry.h"
 #include "metrics/recorded_trial.h"
 #include "player/programme/programme_session.h"
 #include "player/programme/reach_controller.h"
+#include "player/programme/reach_order.h"
 #include "player/programme/reach_session.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
+#include "tests/support/temp_folder.h"
 
 #include <fmt/format.h>
 #include <functional>
@@ -20,6 +24,7 @@ namespace haptrace {
 namespace {
 
 using test::error_of;
+using test::TempFolder;
 using testing::HasSubstr;
 
 constexpr double kDt = 1e-3;  // [s]
@@ -244,6 +249,71 @@ TEST(TrackAssessment, ShowsTheTargetAsTheReference) {
     since += kDt;
   }
   EXPECT_GT(farthest, 0.02);
+}
+
+TEST(SenseOrder, HasEachDifferenceAsOftenInBothOrders) {
+  const SenseTask task{.differences = {0.002, 0.01}, .tries = 6};
+  OrderDraw draw(4);
+  std::vector<int> counts(4, 0);
+  const std::vector<SenseTrial> trials = order_of_pairs(task, draw);
+  for (const SenseTrial& trial : trials) ++counts.at(static_cast<std::size_t>(trial.pair));
+  EXPECT_THAT(counts, testing::Each(3));
+  EXPECT_THAT(task.pairs(), testing::ElementsAre(-0.002, -0.01, 0.002, 0.01));
+  OrderDraw again(4), other(5);
+  EXPECT_EQ(order_of_pairs(task, again), trials);
+  EXPECT_NE(order_of_pairs(task, other), trials);
+}
+
+/// Runs a programme with one exercise in mode sense on a simulated device.
+class SenseSession : public testing::Test {
+ protected:
+  SessionLog run(const std::string& sense, const std::string& keys = "") {
+    options_.folder = folder_ / "session";
+    options_.session.recording.emplace();
+    options_.open = [](const Exercise&, const TrialSettings&, const std::string&) {
+      return std::shared_ptr<Device>(open_device("sim:preset=falcon,hand=relaxed"));
+    };
+    const nlohmann::json programme = parse_json(
+        fmt::format(R"({{"haptrace_programme": 1, "seed": 3, "exercises": [{{"mode": "sense", "rest": 0, "hold": 0.1{},
+                        "sense": {}}}]}})",
+                    keys, sense),
+        "p.json");
+    const auto device = open_device("sim:preset=falcon,hand=relaxed");
+    const ProgrammePlan plan =
+        plan_programme(programme_from_json(programme, "p.json"), folder_.path(), "p.json", &device->info(), false);
+    (void)begin_session(programme, "p.json", plan, device->info(), options_);
+    return run_programme(options_, stop_).log;
+  }
+  TempFolder folder_;
+  ProgrammeOptions options_;
+  StopRequest stop_;
+};
+
+TEST_F(SenseSession, KeepsTheAnswerAndTheDifferenceThatTheHandFelt) {
+  int asked = 0;
+  options_.asks = [&](double) { return ++asked % 3; };  // none, first, second, ...
+  const SessionLog log = run(R"({"differences": [0.005, 0.012], "tries": 2, "move": 0.5, "stay": 0.6})");
+  ASSERT_TRUE(log.complete);
+  ASSERT_EQ(log.trials.size(), 4U);
+  const std::vector<double> pairs = programme_from_json(log.programme, "p").exercises[0].sense->pairs();
+  for (std::size_t i = 0; i < log.trials.size(); ++i) {
+    const LoggedTrial& trial = log.trials[i];
+    EXPECT_EQ(trial.sense->pair, log.schedule[i].sense->pair);
+    EXPECT_EQ(trial.sense->answer, static_cast<int>(i + 1) % 3);
+    EXPECT_EQ(trial.finished(), trial.sense->answer != 0);
+    const double planned = pairs.at(static_cast<std::size_t>(trial.sense->pair));
+    EXPECT_NEAR(figure_in(trial.figures, "sense_difference_m").value_or(0), planned, 0.4 * std::abs(planned))
+        << "an uncalibrated device";
+  }
+  EXPECT_EQ(load_session_log(options_.folder).trials[1].sense, log.trials[1].sense);
+}
+
+TEST_F(SenseSession, ScalesAndTurnsThePlacesWithTheExercise) {
+  options_.asks = [](double) { return 1; };
+  const SessionLog log = run(R"({"differences": [0.02], "tries": 2})", R"(, "scale": 0.5, "rotate": "z=90deg")");
+  ASSERT_EQ(log.trials.size(), 2U);
+  for (const LoggedTrial& trial : log.trials)
+    EXPECT_NEAR(std::abs(figure_in(trial.figures, "sense_difference_m").value_or(0)), 0.01, 3e-3);
 }
 
 }  // namespace

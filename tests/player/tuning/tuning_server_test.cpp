@@ -1,6 +1,7 @@
 // Tests of the control socket with clients on real sockets, including clients that send garbage, stall or vanish.
 #include "player/tuning/tuning_server.h"
 
+#include "player/tuning/live_tuning.h"
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 

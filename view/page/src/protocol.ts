@@ -199,7 +199,7 @@ export interface SceneMessage {
   objects: SceneObject[];
 }
 
-export type TrainingState = "waiting" | "approach" | "go" | "moving" | "done" | "rest" | "stopped" | "finished";
+export type TrainingState = "waiting" | "approach" | "go" | "moving" | "done" | "rest" | "question" | "stopped" | "finished";
 
 export interface Show {
   tool: boolean;

@@ -228,7 +228,12 @@ const ACTIONS: { name: string; text: string; icon: Icon }[] = [
   { name: "skip", text: "Skip", icon: "skip" },
   { name: "mark", text: "Mark", icon: "mark" },
   { name: "note", text: "Note", icon: "note" },
+  { name: "first", text: "First was farther", icon: "tick" },
+  { name: "second", text: "Second was farther", icon: "tick" },
 ];
+
+// Words that follow a press.
+const DONE: Record<string, string> = { first: "Answer: first", second: "Answer: second" };
 
 const ARMED_FOR = 5000; // [ms]
 
@@ -264,7 +269,7 @@ export class Controls {
       const b = button(a.text, { icon: a.icon, text: a.text }, () => {
         if (a.name === "mark") page.mark(false);
         else if (a.name === "note") page.mark(true);
-        else void this.send(a.name, `${a.text} after this repetition`);
+        else void this.send(a.name, DONE[a.name] ?? `${a.text} after this repetition`);
       });
       this.actions.set(a.name, b);
       grid.append(b);

@@ -84,6 +84,10 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       words.beside = Number.isFinite(rest) ? `${Math.max(0, Math.ceil(rest - 1e-6))} s` : "";
       words.sentence = training?.next ? `Next: ${training.next}` : "";
       break;
+    case "question":
+      words.word = "Which was farther?";
+      words.sentence = "Say first or second";
+      break;
     case "finished":
       words.word = "Finished";
       words.sentence = "Thank you";

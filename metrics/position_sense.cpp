@@ -1,0 +1,118 @@
+#include "metrics/position_sense.h"
+
+#include "base/json_reader.h"
+#include "metrics/recorded_trial.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace haptrace {
+namespace {
+
+double probability_of_second(double difference, double bias, double spread) {
+  return 0.5 * SenseFit::kLapse + (1 - SenseFit::kLapse) / (1 + std::exp(-(difference - bias) / spread));
+}
+
+double log_likelihood(std::span<const SenseAnswer> answers, double bias, double spread) {
+  double sum = 0;
+  for (const SenseAnswer& one : answers) {
+    const double p = probability_of_second(one.difference, bias, spread);
+    sum += std::log(one.second ? p : 1 - p);
+  }
+  return sum;
+}
+
+/// Threshold over the spread s.
+double threshold_of_spread() {
+  const double share = (0.75 - 0.5 * SenseFit::kLapse) / (1 - SenseFit::kLapse);
+  return std::log(share / (1 - share));
+}
+
+}  // namespace
+
+std::optional<SenseFit> fit_sense(std::span<const SenseAnswer> answers) {
+  if (answers.size() < SenseFit::kLeastAnswers) return std::nullopt;
+  double smallest = std::abs(answers.front().difference), largest = smallest;
+  for (const SenseAnswer& one : answers) {
+    smallest = std::min(smallest, std::abs(one.difference));
+    largest = std::max(largest, std::abs(one.difference));
+  }
+  if (!(largest > 0)) return std::nullopt;
+  smallest = std::max(smallest, 1e-3 * largest);
+  // The likelihood has one maximum over a wide range, so a grid that shrinks around its best point finds it.
+  const double least = std::log(0.1 * smallest / threshold_of_spread()),
+               most = std::log(5 * largest / threshold_of_spread());
+  double spread = 0.5 * (least + most), bias = 0, of_spread = 0.5 * (most - least), of_bias = largest;
+  constexpr int kSteps = 10, kRounds = 12;  // points to each side; each round is half as wide
+  for (int round = 0; round < kRounds; ++round) {
+    double best = -HUGE_VAL, best_spread = spread, best_bias = bias;
+    for (int i = -kSteps; i <= kSteps; ++i)
+      for (int j = -kSteps; j <= kSteps; ++j) {
+        const double s = std::clamp(spread + of_spread * i / kSteps, least, most), b = bias + of_bias * j / kSteps;
+        if (const double value = log_likelihood(answers, b, std::exp(s)); value > best) {
+          best = value;
+          best_spread = s;
+          best_bias = b;
+        }
+      }
+    spread = best_spread;
+    bias = best_bias;
+    of_spread *= 0.5;
+    of_bias *= 0.5;
+  }
+  constexpr double kAtEnd = 0.01;
+  if (spread < least + kAtEnd || spread > most - kAtEnd || std::abs(bias) > largest) return std::nullopt;
+  return SenseFit{.threshold = threshold_of_spread() * std::exp(spread),
+                  .bias = bias,
+                  .slope = 0.25 * (1 - SenseFit::kLapse) / std::exp(spread)};
+}
+
+std::optional<SenseSummary> summarise_sense(const Programme& programme, std::size_t i, const SessionLog& log) {
+  if (!programme.exercise(i).sense) return std::nullopt;
+  SenseSummary summary;
+  std::vector<SenseAnswer> answers;
+  for (const LoggedTrial& trial : log.trials) {
+    if (trial.exercise != i || !trial.sense || !trial.done() || !trial.input.empty() || trial.unattended) continue;
+    const std::optional<double> difference = figure_in(trial.figures, "sense_difference_m");
+    if (trial.sense->answer == 0 || !difference) {
+      ++summary.unanswered;
+      continue;
+    }
+    answers.push_back({.difference = *difference, .second = trial.sense->answer == 2});
+    if (answers.back().second == (*difference > 0)) ++summary.right;
+  }
+  summary.answers = answers.size();
+  summary.fit = fit_sense(answers);
+  return summary;
+}
+
+nlohmann::json to_json(const SenseSummary& summary) {
+  const auto of_fit = [&](double SenseFit::*member) {
+    return summary.fit ? json_of_number((*summary.fit).*member) : nlohmann::json(nullptr);
+  };
+  return {{"goal", "sense"},
+          {"answers", summary.answers},
+          {"right", summary.right},
+          {"unanswered", summary.unanswered},
+          {"threshold_m", of_fit(&SenseFit::threshold)},
+          {"bias_m", of_fit(&SenseFit::bias)},
+          {"slope_per_m", of_fit(&SenseFit::slope)}};
+}
+
+std::string describe(const SenseSummary& summary) {
+  if (summary.answers == 0) return "no answer";
+  const double right = 100.0 * static_cast<double>(summary.right) / static_cast<double>(summary.answers);
+  std::string text = fmt::format("{} answers, {:.0f} % right", summary.answers, right);
+  if (summary.unanswered > 0) text += fmt::format(", {} without an answer", summary.unanswered);
+  if (summary.fit)
+    return text +
+           fmt::format(": threshold {:.1f} mm, bias {:.1f} mm", 1e3 * summary.fit->threshold, 1e3 * summary.fit->bias);
+  if (summary.answers < SenseFit::kLeastAnswers)
+    return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
+  constexpr double kChance = 70;  // [%]
+  return text + (right > kChance ? ": the threshold is below the differences; choose smaller ones"
+                                 : ": the threshold is above the differences, or the answers are by chance");
+}
+
+}  // namespace haptrace
