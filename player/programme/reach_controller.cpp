@@ -65,7 +65,7 @@ void ReachController::begin_approach(const Vec3& from) noexcept {
   arrived_ = false;
   pull_ = Ramp(0);
   held_ = away_ = empty_ = 0;
-  steady_ = nan3();
+  farthest_ = kNaN;
   told_broken_ = told_empty_ = false;
 }
 
@@ -113,8 +113,9 @@ void ReachController::advance_start(const State& state, Command& command) noexce
 bool ReachController::holds(const Vec3& position) noexcept {
   if (goal_ == ReachGoal::target) return norm_of(position - geometry_.target) <= geometry_.target_radius;
   if (goal_ != ReachGoal::range) return false;
-  const bool stays = norm_of(position - steady_) <= kSteady;
-  if (!stays) steady_ = position;
+  const double came = (position - geometry_.start).dot(geometry_.along());
+  const bool stays = came <= farthest_ + kFarther && came >= farthest_ - kSteady;
+  if (!stays) farthest_ = came;
   return stays && norm_of(position - geometry_.start) > geometry_.start_radius;
 }
 

@@ -32,7 +32,7 @@ struct ReachCourse {
 /// back. The hold must be whole: a hand that leaves the start too early begins it again.
 /// run: begins with the cue to go. By ReachGoal,
 ///   - target: it ends when the hand has stayed in the target for its hold;
-///   - range: it ends when the hand, out of the start, has stayed within kSteady of a place for that hold;
+///   - range: it ends when the hand, out of the start, has stayed at its farthest place for that hold;
 ///   - press: it ends at the time limit, when the hand has broken the lock, or when the lock has held for so long that
 ///     its force decays;
 ///   - track: the reference is the moving target; it ends at the time limit.
@@ -51,7 +51,8 @@ class ReachController final : public Controller {
   static constexpr double kAway = 1;           ///< [s]
   static constexpr double kLongestStart = 60;  ///< [s]
   static constexpr double kEmptyLasts = 0.1;   ///< an event reports an energy tank that is empty for so long [s]
-  static constexpr double kSteady = 5e-3;      ///< distance within which a hand at its farthest place stays [m]
+  /// A hand stays at its farthest place if it comes no farther by kFarther, and goes back by no more than kSteady [m].
+  static constexpr double kFarther = 1e-3, kSteady = 5e-3;
 
   /// Throws Error(input) that names the value that is out of its range.
   ReachController(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,
@@ -95,13 +96,13 @@ class ReachController final : public Controller {
   Mailbox<SessionRequests>* mailbox_ = nullptr;
   bool paused_ = false;
   Ramp pull_{0};
-  bool leads_ = false;    ///< the pull is on
-  bool arrived_ = false;  ///< the hand has been in the start since the approach began
-  double waited_ = 0;     ///< time of the approach, leading back included [s]
-  double held_ = 0;       ///< time in the start, then in the target or near `steady_` [s]
-  Vec3 steady_ = nan3();  ///< range: where the hand last came to stay [m]
-  double away_ = 0;       ///< time out of the start [s]
-  double empty_ = 0;      ///< [s]
+  bool leads_ = false;      ///< the pull is on
+  bool arrived_ = false;    ///< the hand has been in the start since the approach began
+  double waited_ = 0;       ///< time of the approach, leading back included [s]
+  double held_ = 0;         ///< time in the start, then in the target or at the farthest place [s]
+  double farthest_ = kNaN;  ///< range: how far the hand last came to stay, along the direction [m]
+  double away_ = 0;         ///< time out of the start [s]
+  double empty_ = 0;        ///< [s]
   bool told_broken_ = false, told_empty_ = false;
 };
 

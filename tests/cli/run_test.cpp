@@ -122,7 +122,7 @@ TEST(RunCommand, AssessesRangeOfMotionTrackingAndForceAndReportsThem) {
   EXPECT_GT(track["rms_m"].get<double>(), 1e-3);
   EXPECT_EQ(sense["unanswered"], 10) << "nobody answers";
   for (const nlohmann::json& trial : json["trials"])
-    if (trial["mode"] == "sense") EXPECT_TRUE(trial["figures"]["sense_difference_m"].is_number()) << trial;
+    EXPECT_EQ(trial["figures"]["sense_difference_m"].is_number(), trial["mode"] == "sense") << trial;
   EXPECT_EQ(press["directions"].size(), 2U);
   for (const nlohmann::json& direction : press["directions"]) EXPECT_GT(direction["best_n"].get<double>(), 0.5);
   const Answer report = haptrace("report", session, "--csv", folder / "trials.csv", "-o", folder / "page.html");

@@ -198,7 +198,9 @@ TEST(PositionSense, HasNoThresholdForAnswersThatAreAllRightOrByChanceOrFew) {
   EXPECT_FALSE(fit_sense(chance));
   EXPECT_FALSE(fit_sense({}));
   std::mt19937_64 random(1);
-  EXPECT_FALSE(fit_sense(std::span(answers_of(0.004, 0, 24, random)).first(19)));
+  std::vector<SenseAnswer> few = answers_of(0.004, 0, 24, random);
+  few.resize(SenseFit::kLeastAnswers - 1);
+  EXPECT_FALSE(fit_sense(few));
 }
 
 TEST(PositionSense, CountsAnswersAndThoseThatNeverCame) {

@@ -90,7 +90,7 @@ TEST(RangeAssessment, EndsWhenTheHandHasStayedAtItsFarthestPlace) {
                  return held_at(Vec3(since < 0.3 ? 0 : std::min(0.08, 0.1 * (since - 0.3)), 0, 0), p, v);
                });
   EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition));
-  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + 0.8 + 0.5, 0.15);
+  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + 0.8 + 0.5, 0.25);
   EXPECT_NEAR(tried.figures.range.value_or(RangeFigures{}).distance, 0.08, 1e-3);
   for (const Vec3& force : tried.recorded.force) EXPECT_EQ(force.norm(), 0) << "no force helps or hinders";
 }
@@ -242,8 +242,10 @@ TEST(TrackAssessment, ShowsTheTargetAsTheReference) {
   double since = 0, farthest = 0;
   for (int tick = 0; tick < 10'000; ++tick) {
     const Command command = controller.update(state);
-    if (command.phase == Phase::approach) EXPECT_EQ(command.reference.position.norm(), 0);
-    if (command.phase != Phase::run) continue;
+    if (command.phase != Phase::run) {
+      EXPECT_EQ(command.reference.position.norm(), 0);
+      continue;
+    }
     EXPECT_NEAR(command.reference.position.x(), 0.05 * trial.track.at(since), 2e-4) << since;
     farthest = std::max(farthest, std::abs(command.reference.position.x()));
     since += kDt;

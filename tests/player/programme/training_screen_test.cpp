@@ -52,6 +52,27 @@ TEST(ShownParts, AreAllByDefaultButATestHidesTunnelTrailAndScore) {
       << "the exercise's own wish is";
 }
 
+TEST(ShownParts, AreNoneInATestOfPositionSenseBecauseTheEyesWouldTell) {
+  const Programme programme = programme_from_json(
+      parse_json(
+          R"({"haptrace_programme": 1, "show": {"tool": "always"}, "exercises": [{"mode": "sense", "sense": {}}]})",
+          "p.json"),
+      "p.json");
+  for (std::size_t part = 0; part < kScreenParts; ++part)
+    EXPECT_EQ(shown(programme, static_cast<ScreenPart>(part)).find('1'), std::string::npos) << part;
+}
+
+TEST(TrainingProgress, AsksUntilTheRepetitionEnds) {
+  TrainingProgress progress;
+  progress.begin({.exercise = "position sense"});
+  progress.ask(12);
+  EXPECT_EQ(progress.screen().state, Screen::question);
+  EXPECT_EQ(to_json(progress.screen())["rest_s"], 12);
+  EXPECT_FALSE(progress.observe({.phase = Phase::hold}));
+  progress.end(false, std::nullopt);
+  EXPECT_EQ(progress.screen().state, Screen::done);
+}
+
 TEST(ShownParts, OfAnExerciseOverrideThoseOfTheProgramme) {
   const Programme programme = shown_programme(R"("mode": "tunnel", "repetitions": 2, "show": {"path": "always"})",
                                               R"("show": {"path": "never", "trail": "never"},)");

@@ -128,6 +128,21 @@ TEST(LiveSession, ListsTheActionsThatWorkNow) {
   EXPECT_THAT(names, ElementsAre("kp", "kd")) << "the terms that the session has";
 }
 
+TEST(LiveSession, TakesAnAnswerOnlyWhileThereIsAQuestion) {
+  LiveTuning live(kSoft, {});
+  EXPECT_THAT(live.obey("first"), HasSubstr("first: there is no question now"));
+  EXPECT_EQ(live.answer_of(true), 0);
+  EXPECT_THAT(live.actions(), testing::IsSupersetOf(std::vector<std::string>{"first", "second"}));
+  EXPECT_EQ(live.obey("second"), "ok second");
+  EXPECT_EQ(live.obey("first"), "ok first") << "before it is taken, it can be mended";
+  EXPECT_EQ(live.answer_of(true), 1);
+  EXPECT_THAT(live.actions(), testing::Not(Contains("first")));
+  EXPECT_THAT(live.obey("second"), HasSubstr("there is no question now")) << "it was answered";
+  EXPECT_EQ(live.answer_of(true), 0) << "the next question";
+  EXPECT_EQ(live.answer_of(false), 0);
+  EXPECT_THAT(live.obey("second"), HasSubstr("there is no question now")) << "its time is over";
+}
+
 TEST(LiveSession, KeepsTheReferenceOfAPausedPlaybackStill) {
   Played played;
   play_with(played, {{2, "pause"}, {5, "resume"}});

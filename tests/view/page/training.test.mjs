@@ -4,7 +4,7 @@ import { load } from "./load.mjs";
 
 const { screenState, wordsOf, lookOf, soundOf, describe, describeScene, nice, round } = await load("training", "section", "scene/scene");
 
-const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "stopped", "finished"];
+const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "question", "stopped", "finished"];
 const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
 const message = (state, changes = {}) => ({
   type: "training", state, exercise: "Curve", mode: "tunnel", trial: 3, of: 8, repetition: 3, repetitions: 8, show: SHOW,
@@ -19,8 +19,10 @@ test("Each state has its words", () => {
   assert.deepEqual([words.approach.word, words.approach.sentence], ["The device moves you", "Let your hand follow"]);
   // In a free exercise no force leads the hand.
   assert.equal(wordsOf("approach", { mode: "free" }, NaN).word, "Move to the ring");
-  // A reach begins with a hold in the start.
-  assert.equal(wordsOf("approach", { mode: "reach" }, NaN).sentence, "Hold still there and wait for Go");
+  // Modes with a cue begin with a hold in the start.
+  for (const mode of ["reach", "range", "press", "track"])
+    assert.equal(wordsOf("approach", { mode }, NaN).sentence, "Hold still there and wait for Go");
+  assert.deepEqual([words.question.word, words.question.sentence], ["Which was farther?", "Say first or second"]);
   assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);
   assert.deepEqual([words.rest.word, words.rest.beside], ["Rest", "12 s"]);
   assert.equal(words.rest.sentence, "Next: curve, repetition 4 of 8");
