@@ -215,6 +215,38 @@ def add_reach(out, t, x, force, reach):  # the trial begins with the cue
     out["adaptation_r"] = np.corrcoef(measured, ideal)[0, 1]
 
 
+def add_assessment(out, t, x, force, reach):  # the trial begins with the cue
+    start, target = np.array(reach["start_m"]), np.array(reach["target_m"])
+    distance = np.sqrt(((target - start) ** 2).sum())
+    ahead = (target - start) / distance
+    place, t = (x - start) @ ahead, t - t[0]
+    if reach["goal"] == "range":
+        hold = reach["hold_s"]
+        kept = [place[(t >= at) & (t <= at + hold)].min() for at in t if at + hold <= t[-1]]
+        out["range_m"] = max(kept)
+    elif reach["goal"] == "press":
+        f = -force @ ahead
+        integral = np.r_[0, np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(t))]
+        begins = t[t <= t[-1] - 0.5]
+        out["press_force_n"] = ((np.interp(begins + 0.5, t, integral) - np.interp(begins, t, integral)) / 0.5).max()
+    else:
+        track = reach["track"]
+        w, phase = 2 * np.pi * np.array(track["frequencies_hz"]), np.array(track["phases_rad"])
+        counted = t >= track["discard_s"]
+        late = lambda tau: np.sin(np.outer(t[counted] - tau, w) + phase) * distance / len(w)
+        error = x[counted] - start - np.outer(late(0).sum(axis=1), ahead)
+        out["tracking_rms_m"] = np.sqrt((error ** 2).sum(axis=1).mean())
+        angles = np.outer(t[counted], w)
+        model = np.column_stack([np.ones(counted.sum()), np.sin(angles), np.cos(angles)])
+        fit = np.linalg.lstsq(model, place[counted], rcond=None)[0]
+        size = distance / len(w)
+        # What is left of the hand's sines after the best copy of the target's.
+        taus = np.arange(-0.5, 1.5, 0.0005)
+        gain = [(fit[1:1 + len(w)] * np.cos(phase - w * tau) + fit[1 + len(w):] * np.sin(phase - w * tau)).mean() / size
+                for tau in taus]
+        out["tracking_gain"], out["tracking_delay_s"] = max(gain), taus[np.argmax(gain)]
+
+
 def add_path(out, t, x, force, samples):
     reference = samples["reference_position"]
     guided = "progress" in samples
@@ -258,10 +290,18 @@ def main():
     printed = json.load(open(sys.argv[2]))
     t, x, force = samples["time"], samples["position"], samples["force"]
     out = {}
-    if printed.get("reach"):
-        add_reach(out, t, x, force, printed["reach"])
+    reach = printed.get("reach")
+    if reach:
+        (add_assessment if "goal" in reach else add_reach)(out, t, x, force, reach)
+    if printed.get("sense"):
+        pair, axis = printed["sense"], np.array(printed["sense"]["axis"])
+        places = [(x[(t - t[0] >= a) & (t - t[0] <= b)] @ axis).mean() for a, b in (pair["first_s"], pair["second_s"])]
+        out["sense_difference_m"] = places[1] - places[0]
     covered = add_path(out, t, x, force, samples) if "reference_position" in samples else None
-    add_movement(out, t, x, force, printed["plant"], covered)
+    if reach and reach.get("goal") == "press":  # the hand does not move
+        out["peak_force_n"] = norms(force).max()
+    else:
+        add_movement(out, t, x, force, printed["plant"], covered)
     for name, value in printed["figures"].items():
         if value is None:
             if name in out:

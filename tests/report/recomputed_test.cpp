@@ -1,11 +1,16 @@
 // Every metric that a report prints, recomputed from the recording by another program (recompute.py).
+#include "control/path/min_jerk.h"
 #include "formats/documents/reach_task.h"
+#include "formats/documents/sense_task.h"
 #include "report/session_report.h"
 #include "tests/report/support.h"
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
+#include <fmt/format.h>
+#include <functional>
 #include <gtest/gtest.h>
 #include <set>
 
@@ -43,13 +48,14 @@ void compare_with_numpy(const TempFolder& folder, const std::string& file, std::
   nlohmann::json figures = to_json(report)["sessions"][0]["exercises"][0]["trials"][0]["figures"];
   // The work of the participant needs a calibrated device.
   const RecordedTrial trial = read_trials(RecordingReader(file), file).back();
-  figures["person_work_estimate_j"] =
-      trial_figures(trial, std::nullopt, kRecomputedPlant).movement->person_work_estimate.value();
+  if (const auto movement = trial_figures(trial, std::nullopt, kRecomputedPlant).movement)
+    figures["person_work_estimate_j"] = movement->person_work_estimate.value();
   for (const auto& [name, value] : figures.items())
     if (value.is_number()) seen.insert(name);
   const nlohmann::json printed{{"figures", figures},
                                {"plant", json_of_plant(kRecomputedPlant)},
-                               {"reach", trial.reach ? json_of(*trial.reach) : nlohmann::json()}};
+                               {"reach", trial.reach ? json_of(*trial.reach) : nlohmann::json()},
+                               {"sense", trial.sense ? json_of(*trial.sense) : nlohmann::json()}};
   const std::string json = folder.write("printed.json", printed.dump());
   EXPECT_EQ(printed_by(fmt::format("{} {}/recompute.py {} {}", HAPTRACE_PYTHON, HAPTRACE_REPORT_TESTS, file, json)),
             "");
@@ -75,6 +81,50 @@ std::string write_reach(const TempFolder& folder, ReachKind kind) {
   recorded.header.config = {{"mode", "reach"}, {"reach", json_of(reach)}};
   test::write(file, rows, Reference::none, recorded);
   return file;
+}
+
+/// Writes a recording of a hand along the x axis, under forces of the device along it.
+std::string write_along_x(const TempFolder& folder, double duration, const nlohmann::json& config,
+                          const std::function<double(double)>& place, const std::function<double(double)>& force) {
+  constexpr double kRate = 500;  // [Hz]
+  std::vector<Sample> rows;
+  for (int i = 0; i < duration * kRate; ++i) {
+    const double t = i / kRate;
+    Sample row;
+    row.tick = static_cast<std::uint64_t>(i);
+    row.time_ns = static_cast<std::int64_t>(1e9 / kRate) * i;
+    row.phase = Phase::run;
+    row.position = Vec3(place(t) + 2e-4 * std::sin(50 * t), 1e-4 * std::sin(37 * t), 0);
+    row.velocity = Vec3::Zero();
+    row.force = Vec3(force(t), 0.1, 0);
+    rows.push_back(row);
+  }
+  test::Recorded recorded;
+  recorded.header.config = config;
+  const std::string file = folder / "along-x.h5";
+  test::write(file, rows, Reference::none, recorded);
+  return file;
+}
+
+/// Writes a trial of an assessment.
+std::string write_assessed(const TempFolder& folder, ReachGoal goal) {
+  ReachTrial trial{.geometry = {.target = Vec3(0.05, 0, 0)}, .goal = goal, .hold = 0.4, .largest = 9};
+  trial.track = {.frequency = {0.2, 0.43, 0.71}, .phase = {1, 2, 3}, .discard = 3};
+  const nlohmann::json config{{"mode", to_string(goal)}, {"reach", json_of(trial)}};
+  const auto blend = [](double share) { return MinJerk::at(std::clamp(share, 0.0, 1.0)).s; };
+  switch (goal) {
+    case ReachGoal::range:
+      return write_along_x(
+          folder, 3, config, [&](double t) { return 0.08 * blend(t / 1.2) - 0.01 * blend(3 * (t - 2)); },
+          [](double) { return 0.0; });
+    case ReachGoal::press:
+      return write_along_x(
+          folder, 2, config, [](double) { return 0.0; }, [&](double t) { return -4 * blend(2 * t) - std::sin(9 * t); });
+    default:
+      return write_along_x(
+          folder, 20, config, [&](double t) { return 0.05 * 0.8 * trial.track.at(t - 0.23); },
+          [](double) { return 0.0; });
+  }
 }
 
 TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
@@ -108,6 +158,23 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
     SCOPED_TRACE(to_string(kind));
     const TempFolder folder;
     compare_with_numpy(folder, write_reach(folder, kind), seen);
+  }
+  for (const ReachGoal goal : {ReachGoal::range, ReachGoal::press, ReachGoal::track}) {
+    SCOPED_TRACE(to_string(goal));
+    const TempFolder folder;
+    compare_with_numpy(folder, write_assessed(folder, goal), seen);
+  }
+  {
+    const SenseTask task{.move = 0.6, .stay = 0.8};
+    const Path path = path_of_pair(task, 2);
+    const TempFolder folder;
+    compare_with_numpy(folder,
+                       write_along_x(
+                           folder, path.duration(),
+                           {{"mode", "sense"}, {"sense", json_of(sense_pair(task, Eigen::Matrix3d::Identity()))}},
+                           [&](double t) { return path.position.at(static_cast<std::size_t>(t / 0.01)).x(); },
+                           [](double) { return 0.5; }),
+                       seen);
   }
   for (const TrialFigure& figure : all_trial_figures())
     EXPECT_TRUE(seen.contains(figure.name)) << figure.name << " was defined in no recording";
