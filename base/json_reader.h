@@ -33,11 +33,6 @@ inline nlohmann::json json_of_number(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
 }
 
-/// Returns a JSON number, or null if there is no value or it is not finite.
-inline nlohmann::json json_of_number(const std::optional<double>& value) {
-  return value ? json_of_number(*value) : nlohmann::json(nullptr);
-}
-
 /// Returns [x, y, z], a form that JsonReader::vector reads.
 inline nlohmann::json json_of(const Vec3& v) {
   return {v.x(), v.y(), v.z()};

@@ -42,19 +42,13 @@ std::span<const Keys::Binding> Keys::play_keys() {
 }
 
 std::span<const Keys::Binding> Keys::guide_keys() {
-  return std::span(run_keys()).first(7);
-}
-
-std::span<const Keys::Binding> Keys::run_keys() {
-  static constexpr std::array<Binding, 9> kKeys{{{"+]", "stiffness * 1.1"},
+  static constexpr std::array<Binding, 7> kKeys{{{"+]", "stiffness * 1.1"},
                                                  {"-[", "stiffness / 1.1"},
                                                  {"w", "radius * 1.1"},
                                                  {"n", "radius / 1.1"},
                                                  {"s", "skip"},
                                                  {"a", "repeat"},
-                                                 {"r", "reset"},
-                                                 {"1", "first"},
-                                                 {"2", "second"}}};
+                                                 {"r", "reset"}}};
   return kKeys;
 }
 
@@ -98,17 +92,25 @@ void Keys::run(const std::stop_token& stop) {
 
 void Keys::press(char key) {
   if (key == 'q') (void)kill(getpid(), SIGINT);
+  if (answer(key)) return;
   if (annotations_) annotate(key);
   command(key);
 }
 
+bool Keys::offers(const std::string& action) const {
+  const std::vector<std::string> actions = commands_.actions();
+  return std::find(actions.begin(), actions.end(), action) != actions.end();
+}
+
+bool Keys::answer(char key) {
+  if ((key != '1' && key != '2') || !offers("first")) return false;
+  give(key, key == '1' ? "first" : "second");
+  return true;
+}
+
 void Keys::command(char key) {
-  if (key == 'p') {
-    // Others may pause and resume as well.
-    const std::vector<std::string> actions = commands_.actions();
-    const bool paused = std::find(actions.begin(), actions.end(), "resume") != actions.end();
-    return give(key, paused ? "resume" : "pause");
-  }
+  // Others may pause and resume as well.
+  if (key == 'p') return give(key, offers("resume") ? "resume" : "pause");
   for (const Binding& binding : bindings_)
     if (binding.keys.find(key) != std::string_view::npos) give(key, binding.command);
 }

@@ -27,12 +27,12 @@ namespace haptrace::cli {
 ///     - or [      softer: all gains by 10 %                 l  learned correction on, off
 ///     r           back to the values at the start           f  feedforward on, off
 ///
-/// or in guidance (guide_keys), and in programmes with 1 and 2 too (run_keys):
+/// or in guidance and programmes (guide_keys), where 1 and 2 answer an open question instead of marking:
 ///
 ///     + or ]      stiffer walls by 10 %                     w  wider tunnel by 10 %
 ///     - or [      softer walls by 10 %                      n  narrower tunnel by 10 %
 ///     r           back to the values at the start           s  skips the repetition
-///     a           repeats the repetition after it           1, 2  the answer: first, second
+///     a           repeats the repetition after it
 ///
 /// Reads a terminal only if this process is in its foreground. With `always`, also reads input that is not a terminal.
 class Keys {
@@ -43,7 +43,6 @@ class Keys {
   };
   static std::span<const Binding> play_keys();
   static std::span<const Binding> guide_keys();
-  static std::span<const Binding> run_keys();
 
   /// Pauses and gives the commands of `bindings` through `commands`, which is borrowed. Without `annotations` there are
   /// no marks.
@@ -66,7 +65,11 @@ class Keys {
   void run(const std::stop_token& stop);
   void press(char key);
   void annotate(char key);
+  /// Answers an open question. Returns false if there is none, or if the key is no answer.
+  bool answer(char key);
   void command(char key);
+  /// Returns true if a command without a value has an effect now.
+  [[nodiscard]] bool offers(const std::string& action) const;
   /// Executes a command, and shows its answer if that is not simply "ok".
   void give(char key, std::string_view command);
   void type(char key);

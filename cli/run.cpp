@@ -45,10 +45,9 @@ std::string minutes(double seconds) {
 
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
-  for (const char* name :
-       {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s", "lateral_deviation_m",
-        "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r", "range_m", "press_force_n",
-        "tracking_rms_m", "tracking_gain", "tracking_delay_s", "sense_difference_m"}) {
+  for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s",
+                           "lateral_deviation_m", "after_effect_m", "end_error_m", "adaptation_index", "adaptation_r",
+                           "range_m", "press_force_n", "tracking_rms_m", "tracking_gain", "tracking_delay_s"}) {
     const std::optional<double> value = figure_in(figures, name);
     if (!value) continue;
     const TrialFigure& figure = trial_figure(name);
@@ -56,10 +55,6 @@ std::string figures_text(const nlohmann::json& figures) {
                         figure.digits, *figure.unit != '\0' ? " " : "", figure.unit);
   }
   return text;
-}
-
-std::string answer_text(const SenseTrial& trial) {
-  return trial.answer == 0 ? "none" : trial.answer == 1 ? "first" : "second";
 }
 
 std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
@@ -135,19 +130,19 @@ void require_confirmed(const CLI::App& verb, const nlohmann::json& config, const
 /// Summarises the result; `resume` is the command that resumes the session.
 std::string result_text(const ProgrammeResult& result, const std::string& folder, const std::string& resume) {
   const Sitting& sitting = result.log.sittings.back();
+  const Programme programme = programme_from_json(result.log.programme, folder);
   std::size_t finished = 0;
   std::vector<std::string> partial;  // shares of the path
   for (const LoggedTrial& trial : result.log.trials) {
     finished += trial.finished() ? 1 : 0;
-    if (!trial.partial()) continue;
+    if (!trial.partial() || programme.exercise(trial.exercise).sense) continue;
     const std::optional<double> share = figure_in(trial.figures, "completion");
-    partial.push_back(share ? fmt::format("{:.0f} %", 100 * *share) : "unknown");
+    partial.push_back(share ? fmt::format("{:.0f} %", 100 * *share) : "without a share");
   }
   std::string text = fmt::format(
       "{}: {} repetitions done{}{}, {} in this sitting, force dose {:.0f} N s\n", folder, finished,
       partial.empty() ? "" : fmt::format(" and {} in part ({} of the path)", partial.size(), fmt::join(partial, ", ")),
       result.log.complete ? ", the programme is complete" : "", minutes(sitting.duration), sitting.force_dose);
-  const Programme programme = programme_from_json(result.log.programme, folder);
   for (std::size_t i = 0; i < programme.size(); ++i) {
     const std::string& name = programme.exercise(i).name;
     for (const ReachBlockSummary& block : summarise_blocks(programme, i, result.log))
@@ -336,7 +331,8 @@ class ProgrammeScreen {
     for (const char* key : {"refused", "at_limit"})
       if (trial.figures.is_object() && trial.figures.contains(key))
         output_.remark("  " + trial.figures[key].get<std::string>());
-    if (trial.sense) output_.remark(fmt::format("  answer: {}", answer_text(*trial.sense)));
+    // The participant may read this: whether the answer was right would teach.
+    if (trial.sense) output_.remark(trial.sense->answer == 0 ? "  no answer" : "  answered");
     page_.training([&](TrainingProgress& screen) { screen.end(trial, shown_.trials); });
     shown_.trials.push_back(trial);
     show();
@@ -442,7 +438,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   const TuningInputs inputs(arguments.tuning, commands);
   for (const std::string& hint : inputs.hints()) output.remark(hint);
   const Keys keys(options.session.recording->options.annotations, arguments.session.mark_texts, arguments.session.keys,
-                  commands, Keys::run_keys());
+                  commands, Keys::guide_keys());
   ProgrammeScreen screen(programme, plan, *log, commands, page, output);
   screen.watch(options);
   const Progress progress = [&](const SessionView& view) {

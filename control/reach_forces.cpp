@@ -64,7 +64,7 @@ double ReachForces::advance(const State& state, bool acts, double share) noexcep
   else if (speed < kStill && force_.cwiseAbs().maxCoeff() > kHeld)
     still_ += state.dt;
   holding_.advance(lets_go() ? 0 : 1, state.dt, lets_go() ? kDecay : rise());
-  on_.advance(acts && !broken_ ? 1 : 0, state.dt, acts && !broken_ ? rise() : kFall);
+  on_.advance(acts && !broken_ ? 1 : 0, state.dt, acts && !broken_ ? rise() : fall());
   const double next = share * on_.value() * holding_.value();
   // A stiffer spring holds more energy at the same place; the tank must be able to pay.
   if (next <= gain_ || stored(state.position, next - gain_) <= std::max(0.0, tank_.level())) gain_ = next;

@@ -29,8 +29,8 @@ struct ClampOptions {
 ///
 /// A clamp that locks has d = p - start and v_d = v.
 ///
-/// g is a ramp: the force comes on over `rise` and goes off within kFall. sat() limits the magnitude to `max_force` and
-/// keeps the direction.
+/// g is a ramp: the force comes on over `rise` and goes off within kFall, that of a lock within kDecay. sat() limits
+/// the magnitude to `max_force` and keeps the direction.
 ///
 /// Energy. A curl field does no work, but the velocity estimate is late: B v(t - tau) of a free mass m that turns at
 /// w = |B| / m has the growth rate w^2 tau, so the force does add energy. Other fields add energy by design. An
@@ -73,6 +73,8 @@ class ReachForces {
 
   /// Returns the part of a vector from the start, or of a velocity, that the channel acts on.
   [[nodiscard]] Vec3 off(const Vec3& vector) const noexcept { return vector - along_.dot(vector) * along_; }
+  /// Returns the force of the last update [N].
+  [[nodiscard]] const Vec3& force() const noexcept { return force_; }
   /// Counts the time for which a force has held a hand at rest anew.
   void hold_anew() noexcept { still_ = 0; }
   /// Returns true while a force that has held a hand for too long decays.
@@ -86,6 +88,8 @@ class ReachForces {
 
  private:
   [[nodiscard]] double stored(const Vec3& position, double gain) const noexcept;
+  /// A hand that presses against a lock must not fall forwards when it goes.
+  [[nodiscard]] double fall() const noexcept { return options_.clamp && options_.clamp->locks ? kDecay : kFall; }
   [[nodiscard]] double rise() const noexcept { return options_.clamp ? options_.clamp->rise : options_.field_rise; }
   /// Moves the ramps of the gain. Returns the gain.
   double advance(const State& state, bool acts, double share) noexcept;

@@ -186,8 +186,7 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::deviation_over:
       if (std::isfinite(c))
-        return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * a,
-                           1e3 * b);
+        return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
       return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
     case EventCode::oscillation:
       if (!std::isfinite(c)) return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
@@ -234,6 +233,7 @@ std::string describe(const Event& event) {
       return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
     case EventCode::time_over:
       if (std::isfinite(c)) return fmt::format("the hand did not hold still in the start within {:.0f} s", c);
+      if (!std::isfinite(b)) return fmt::format("the time limit was reached at {:.3f} m", a);
       return fmt::format("the time limit was reached at {:.3f} m of {:.3f} m", a, b);
     case EventCode::rotation_limit:
       return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <fmt/format.h>
 #include <numbers>
 #include <vector>
 
@@ -20,6 +21,18 @@ bool near_end(const Box& workspace, const Vec3& place, const Vec3& direction) {
     if (direction[axis] < -kAlong && place[axis] - workspace.min[axis] < RangeFigures::kMargin) return true;
   }
   return false;
+}
+
+/// Returns the largest distance from the first position [m].
+double largest_movement(std::span<const Vec3> positions) {
+  double largest = 0;
+  std::optional<Vec3> first;
+  for (const Vec3& p : positions) {
+    if (!is_finite(p)) continue;
+    if (!first) first = p;
+    largest = std::max(largest, (p - *first).norm());
+  }
+  return largest;
 }
 
 /// Sines of a movement along a line, one for each frequency: a sin(w t) + b cos(w t).
@@ -128,23 +141,39 @@ std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& 
   }
   std::optional<PressFigures> figures;
   std::size_t first_of_best = 0, last_of_best = 0;
-  for (std::size_t first = 0, last = 0; last < rows.size(); ++last) {
-    const auto lasts = [&](std::size_t from) { return trial.time[rows[last]] - trial.time[rows[from]]; };
-    // The shortest section that is as long as the window.
-    while (first + 1 < last && lasts(first + 1) >= PressFigures::kWindow - 1e-9) ++first;
-    if (lasts(first) < PressFigures::kWindow - 1e-9) continue;
-    const double mean = (integral[last] - integral[first]) / lasts(first);
-    if (figures && mean <= figures->force) continue;
-    figures = PressFigures{.force = mean};
+  const auto consider = [&](std::size_t first, std::size_t last) {
+    const double lasts = trial.time[rows[last]] - trial.time[rows[first]];
+    if (!(lasts > 0)) return;
+    const double mean = (integral[last] - integral[first]) / lasts;
+    if (figures && mean <= figures->force) return;
+    figures = PressFigures{.force = mean, .refused = ""};
     first_of_best = rows[first];
     last_of_best = rows[last];
-  }
+  };
+  const auto each_window = [&](double window, std::size_t from) {
+    for (std::size_t first = 0, last = 0; last < rows.size(); ++last) {
+      const auto lasts = [&](std::size_t begin) { return trial.time[rows[last]] - trial.time[rows[begin]]; };
+      // The shortest section that is as long as the window.
+      while (first + 1 < last && lasts(first + 1) >= window - 1e-9) ++first;
+      if (last >= from && lasts(first) >= window - 1e-9) consider(first, last);
+    }
+  };
+  each_window(PressFigures::kWindow, 0);
+  if (!spoiled.empty() && !rows.empty()) each_window(PressFigures::kBeforeBreak, rows.size() - 1);
   if (!figures) return figures;
-  const bool all = reach.largest > 0 && !trial.force.empty() &&
-                   std::any_of(trial.force.begin() + static_cast<std::ptrdiff_t>(first_of_best),
-                               trial.force.begin() + static_cast<std::ptrdiff_t>(last_of_best) + 1,
-                               [&](const Vec3& f) { return f.norm() >= PressFigures::kNearLimit * reach.largest; });
-  figures->at_limit = all || !spoiled.empty();
+  if (reach.largest > 0 && !trial.force.empty()) {
+    std::size_t limited = 0;
+    for (std::size_t i = first_of_best; i <= last_of_best; ++i)
+      limited += trial.force[i].norm() >= PressFigures::kNearLimit * reach.largest ? 1 : 0;
+    figures->at_limit =
+        static_cast<double>(limited) > PressFigures::kLimited * static_cast<double>(last_of_best - first_of_best + 1);
+  }
+  figures->at_limit = figures->at_limit || !spoiled.empty();
+  const double play = reach.largest > 0 ? 0 : largest_movement(trial.position);
+  if (play > PressFigures::kLockedPlay)
+    figures->refused = fmt::format("the handle moved by {:.0f} mm, so it was not locked", 1e3 * play);
+  else if (!(figures->force > 0))
+    figures->refused = "the hand pressed in the other direction, or the sensor states the force with the other sign";
   return figures;
 }
 

@@ -23,13 +23,18 @@ struct RangeFigures {
 /// How hard a hand pressed against a lock.
 struct PressFigures {
   /// Largest mean of the force of the hand along the direction over kWindow [N]. The force is the measured one if the
-  /// trial has it, else the force that the device sent, which is the hand's but for the friction of the device.
+  /// trial has it, else the force that the device sent, which is the hand's but for the friction of the device. If the
+  /// lock did not hold, also the mean over the last kBeforeBreak.
   double force = 0;
-  /// The device had no more force, or the lock did not hold: the hand may be stronger.
+  /// The device had no more force in over kLimited of these samples, or the lock did not hold: the hand may be
+  /// stronger.
   bool at_limit = false;
+  std::string refused;  ///< why `force` is no result; else empty
 
-  static constexpr double kWindow = 0.5;      ///< [s]
-  static constexpr double kNearLimit = 0.95;  ///< share of the lock's largest force that counts as all of it
+  static constexpr double kWindow = 0.5, kBeforeBreak = 0.1;  ///< [s]
+  static constexpr double kNearLimit = 0.95;                  ///< share of the largest force that counts as all of it
+  static constexpr double kLimited = 0.1;                     ///< share of the samples
+  static constexpr double kLockedPlay = 5e-3;                 ///< largest movement of a handle that is locked [m]
 };
 
 /// How a hand followed a target that moves, without the time that TrackSignal discards.

@@ -1,6 +1,6 @@
 #include "metrics/assessment_summary.h"
 
-#include "base/json_reader.h"
+#include "base/optional_json.h"
 #include "control/path/shapes.h"
 #include "metrics/recorded_trial.h"
 
@@ -61,7 +61,9 @@ std::optional<AssessmentSummary> summarise_assessment(const Programme& programme
   if (!exercise.reach || exercise.reach->goal == ReachGoal::target) return std::nullopt;
   const ReachTask& task = *exercise.reach;
   AssessmentSummary summary{.goal = task.goal, .directions = {}, .area = {}, .rms = {}, .gain = {}, .delay = {}};
-  if (task.goal != ReachGoal::track) summary.directions.resize(task.targets.size());
+  if (task.goal != ReachGoal::track)
+    for (std::size_t target = 0; target < task.targets.size(); ++target)
+      summary.directions.push_back({.angle = angle_of(task, target), .best = {}});
   std::vector<const LoggedTrial*> trials;
   for (const LoggedTrial& trial : log.trials) {
     if (trial.exercise != i || !trial.reach || !trial.done() || !trial.input.empty() || trial.unattended) continue;
@@ -96,7 +98,8 @@ nlohmann::json to_json(const AssessmentSummary& summary) {
   const char* const key = summary.goal == ReachGoal::range ? "best_m" : "best_n";
   json["directions"] = nlohmann::json::array();
   for (const DirectionSummary& one : summary.directions)
-    json["directions"].push_back({{"tries", one.tries}, {key, json_of_number(one.best)}, {"at_limit", one.at_limit}});
+    json["directions"].push_back(
+        {{"angle_deg", one.angle}, {"tries", one.tries}, {key, json_of_number(one.best)}, {"at_limit", one.at_limit}});
   if (summary.goal == ReachGoal::range) {
     json["area_m2"] = json_of_number(summary.area);
     json["area_at_limit"] = summary.at_limit();
@@ -116,7 +119,8 @@ std::vector<std::string> describe(const AssessmentSummary& summary) {
   const bool range = summary.goal == ReachGoal::range;
   for (std::size_t i = 0; i < summary.directions.size(); ++i) {
     const DirectionSummary& one = summary.directions[i];
-    lines.push_back(fmt::format("direction {}: {}{}, best of {}", i + 1, one.at_limit ? ">= " : "",
+    lines.push_back(fmt::format("direction {} ({:.0f} degrees): {}{}, best of {}", i + 1, one.angle,
+                                one.at_limit ? ">= " : "",
                                 range ? text(one.best, 1e3, 1, " mm") : text(one.best, 1, 2, " N"), one.tries));
   }
   if (summary.area)

@@ -13,6 +13,7 @@ namespace haptrace {
 
 /// The tries in one direction of a range of motion or a press.
 struct DirectionSummary {
+  double angle = 0;            ///< in the plane of the exercise, see angle_of() [degrees]
   std::size_t tries = 0;       ///< with a metric
   std::optional<double> best;  ///< largest distance [m] or force [N]
   bool at_limit = false;       ///< of the best one: the person may be capable of more

@@ -63,7 +63,27 @@ std::optional<SenseFit> fit_sense(std::span<const SenseAnswer> answers) {
   }
   constexpr double kAtEnd = 0.01;
   if (spread < least + kAtEnd || spread > most - kAtEnd || std::abs(bias) > largest) return std::nullopt;
+  // Where twice the logarithm falls by the 95 % point of the chi-square distribution with one degree of freedom.
+  constexpr double kFall = 0.5 * 3.841459;
+  const double top = log_likelihood(answers, bias, std::exp(spread));
+  const auto falls_at = [&](double s) {
+    double best = -HUGE_VAL;
+    for (int j = -2 * kSteps; j <= 2 * kSteps; ++j)
+      best = std::max(best, log_likelihood(answers, bias + 0.25 * largest * j / kSteps, std::exp(s)));
+    return top - best > kFall;
+  };
+  const auto end_towards = [&](double end) {
+    double inside = spread, outside = end;
+    if (!falls_at(end)) return end;
+    for (int i = 0; i < kRounds; ++i) {
+      const double middle = 0.5 * (inside + outside);
+      (falls_at(middle) ? outside : inside) = middle;
+    }
+    return outside;
+  };
   return SenseFit{.threshold = threshold_of_spread() * std::exp(spread),
+                  .low = threshold_of_spread() * std::exp(end_towards(least)),
+                  .high = threshold_of_spread() * std::exp(end_towards(most)),
                   .bias = bias,
                   .slope = 0.25 * (1 - SenseFit::kLapse) / std::exp(spread)};
 }
@@ -74,6 +94,10 @@ std::optional<SenseSummary> summarise_sense(const Programme& programme, std::siz
   std::vector<SenseAnswer> answers;
   for (const LoggedTrial& trial : log.trials) {
     if (trial.exercise != i || !trial.sense || !trial.done() || !trial.input.empty() || trial.unattended) continue;
+    if (trial.figures.is_object() && trial.figures.contains("refused")) {
+      ++summary.refused;
+      continue;
+    }
     const std::optional<double> difference = figure_in(trial.figures, "sense_difference_m");
     if (trial.sense->answer == 0 || !difference) {
       ++summary.unanswered;
@@ -95,24 +119,31 @@ nlohmann::json to_json(const SenseSummary& summary) {
           {"answers", summary.answers},
           {"right", summary.right},
           {"unanswered", summary.unanswered},
+          {"refused", summary.refused},
           {"threshold_m", of_fit(&SenseFit::threshold)},
+          {"threshold_low_m", of_fit(&SenseFit::low)},
+          {"threshold_high_m", of_fit(&SenseFit::high)},
           {"bias_m", of_fit(&SenseFit::bias)},
           {"slope_per_m", of_fit(&SenseFit::slope)}};
 }
 
 std::string describe(const SenseSummary& summary) {
-  if (summary.answers == 0) return "no answer";
+  if (summary.answers == 0) return fmt::format("no answer in {} trials", summary.unanswered + summary.refused);
   const double right = 100.0 * static_cast<double>(summary.right) / static_cast<double>(summary.answers);
   std::string text = fmt::format("{} answers, {:.0f} % right", summary.answers, right);
   if (summary.unanswered > 0) text += fmt::format(", {} without an answer", summary.unanswered);
+  if (summary.refused > 0)
+    text += fmt::format(", {} left out, in which the hand did not let the device lead it", summary.refused);
   if (summary.fit)
-    return text +
-           fmt::format(": threshold {:.1f} mm, bias {:.1f} mm", 1e3 * summary.fit->threshold, 1e3 * summary.fit->bias);
+    return text + fmt::format(": threshold {:.1f} mm (95 % interval {:.1f} to {:.1f} mm), bias {:.1f} mm",
+                              1e3 * summary.fit->threshold, 1e3 * summary.fit->low, 1e3 * summary.fit->high,
+                              1e3 * summary.fit->bias);
   if (summary.answers < SenseFit::kLeastAnswers)
     return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
-  constexpr double kChance = 70;  // [%]
-  return text + (right > kChance ? ": the threshold is below the differences; choose smaller ones"
-                                 : ": the threshold is above the differences, or the answers are by chance");
+  constexpr double kTold = 70, kOther = 40;  // [%]
+  return text + (right > kTold    ? ": the threshold is below the differences; choose smaller ones"
+                 : right < kOther ? ": the answers are the other way round; check that the question is understood"
+                                  : ": the threshold is above the differences, or the answers are by chance");
 }
 
 }  // namespace haptrace

@@ -23,9 +23,10 @@ struct SenseAnswer {
 /// fitted by maximum likelihood. Two intervals make chance one half; lapses are answers without attention (Wichmann and
 /// Hill, Perception & Psychophysics 63(8), 2001).
 struct SenseFit {
-  double threshold = 0;  ///< difference that is told in 75 % of the cases, without a bias: 1.126 s [m]
-  double bias = 0;       ///< difference at which both answers are as likely: what is remembered shrinks or grows [m]
-  double slope = 0;      ///< dP / dd at the bias [1/m]
+  double threshold = 0;      ///< difference that is told in 75 % of the cases, without a bias: 1.126 s [m]
+  double low = 0, high = 0;  ///< its 95 % confidence interval, from the profile of the likelihood [m]
+  double bias = 0;   ///< difference at which both answers are as likely: what is remembered shrinks or grows [m]
+  double slope = 0;  ///< dP / dd at the bias [1/m]
 
   static constexpr double kLapse = 0.02;
   static constexpr std::size_t kLeastAnswers = 20;
@@ -40,6 +41,7 @@ std::optional<SenseFit> fit_sense(std::span<const SenseAnswer> answers);
 struct SenseSummary {
   std::size_t answers = 0, right = 0;
   std::size_t unanswered = 0;
+  std::size_t refused = 0;  ///< the hand did not let the device lead it
   std::optional<SenseFit> fit;
 };
 

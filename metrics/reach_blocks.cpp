@@ -1,6 +1,6 @@
 #include "metrics/reach_blocks.h"
 
-#include "base/json_reader.h"
+#include "base/optional_json.h"
 #include "base/statistics.h"
 #include "metrics/recorded_trial.h"
 
@@ -27,13 +27,20 @@ struct BlockValues {
 };
 
 void count_reach(ReachBlockSummary& block, BlockValues& values, const LoggedTrial& trial) {
+  // A reach that did not arrive in time has a reaction too, if its cue came.
+  if (figure_in(trial.figures, "samples").value_or(0) > 0) {
+    if (const std::optional<double> reaction = figure_in(trial.figures, "reaction_time_s"))
+      values.reaction.push_back(*reaction);
+    else
+      ++block.without_reaction;
+  }
+  if (!trial.finished()) return;
   const ReachKind kind = trial.reach->kind;
   ++(kind == ReachKind::clamp ? block.clamps : kind == ReachKind::catch_trial ? block.catches : block.plain);
   if (const auto share = figure_in(trial.figures, "field_share"); share && *share < ReachFigures::kLeastField) {
     ++block.weakened;
     return;
   }
-  add_figure(values.reaction, trial, "reaction_time_s");
   add_figure(values.deviation, trial, "lateral_deviation_m");
   add_figure(values.after, trial, "after_effect_m");
   add_figure(values.index, trial, "adaptation_index");
@@ -48,7 +55,7 @@ std::vector<ReachBlockSummary> summarise_blocks(const Programme& programme, std:
     blocks.push_back({.name = block.name, .field = block.field});
   std::vector<BlockValues> values(blocks.size());
   for (const LoggedTrial& trial : log.trials) {
-    if (trial.exercise != i || !trial.reach || !trial.finished() || !trial.input.empty() || trial.unattended) continue;
+    if (trial.exercise != i || !trial.reach || !trial.done() || !trial.input.empty() || trial.unattended) continue;
     const auto block = static_cast<std::size_t>(trial.reach->block);
     count_reach(blocks.at(block), values.at(block), trial);
   }
@@ -58,7 +65,6 @@ std::vector<ReachBlockSummary> summarise_blocks(const Programme& programme, std:
     ReachBlockSummary& block = blocks[k];
     before_field = before_field && !block.field;
     if (before_field) baseline.insert(baseline.end(), values[k].deviation.begin(), values[k].deviation.end());
-    block.without_reaction = block.plain + block.catches + block.clamps - block.weakened - values[k].reaction.size();
     if (!values[k].reaction.empty()) block.reaction_time = median(values[k].reaction);
     block.lateral_deviation = mean_of(values[k].deviation);
     block.after_effect = mean_of(values[k].after);

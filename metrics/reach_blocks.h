@@ -11,8 +11,8 @@
 
 namespace haptrace {
 
-/// Means over the finished reaches of one block. Reaches by a person who steered a simulated hand, and those that were
-/// softened because nobody attended, do not count. A mean of nothing is empty.
+/// Means over the finished reaches of one block; reaction times of all whose cue came. Reaches by a person who steered
+/// a simulated hand, and those that were softened because nobody attended, do not count. A mean of nothing is empty.
 struct ReachBlockSummary {
   std::string name;
   bool field = false;

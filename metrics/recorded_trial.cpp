@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/optional_json.h"
 #include "base/suggest.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"
@@ -293,7 +294,9 @@ constexpr TrialFigure kFigures[] = {
      "At the end of the workspace it is a lower bound.",
      kUnfiltered},
     {"press_force_n", "maximum force", "N", 1, 2, 1,
-     [](const TrialFigures& f) { return f.press ? std::optional(f.press->force) : std::nullopt; },
+     [](const TrialFigures& f) {
+       return f.press && f.press->refused.empty() ? std::optional(f.press->force) : std::nullopt;
+     },
      "Largest mean over 0.5 s of the force of the hand along the direction of the trial: measured if the device has a "
      "force sensor, else as the device sent it to hold the hand. It is a lower bound if the device had no more force, "
      "or gave way.",
@@ -567,6 +570,13 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
   if (trial.kind == TrialKind::passive || trial.kind == TrialKind::cursor)
     figures.deviation = deviation(trial.time, trial.position, trial.reference);
   if (trial.sense) figures.difference = difference_of(trial, *trial.sense);
+  if (figures.difference) {
+    const double off = std::abs(*figures.difference - trial.sense->difference);
+    if (off > std::max(SensePair::kLargestError, 0.5 * std::abs(trial.sense->difference)))
+      figures.refused_pair =
+          fmt::format("the places differed by {:.1f} mm instead of {:.1f} mm: the hand did not let the device lead it",
+                      1e3 * *figures.difference, 1e3 * trial.sense->difference);
+  }
   figures.peak_force = peak_of(trial.force);
   if (!trial.reach || trial.reach->goal != ReachGoal::press) figures.movement = movement_figures(samples, movement);
   return figures;
@@ -591,10 +601,13 @@ nlohmann::json to_json(const TrialFigures& figures) {
   for (const TrialFigure& figure : kFigures) {
     json[figure.name] = json_of_number(figure.value(figures));
   }
-  if (figures.reach && !figures.reach->refused.empty()) json["refused"] = figures.reach->refused;
+  const std::string refused = figures.reach   ? figures.reach->refused
+                              : figures.press ? figures.press->refused
+                                              : figures.refused_pair;
+  if (!refused.empty()) json["refused"] = refused;
   if (figures.range && figures.range->at_limit)
     json["at_limit"] = "the hand was at the end of the workspace: the person may come farther";
-  if (figures.press && figures.press->at_limit)
+  if (figures.press && figures.press->at_limit && figures.press->refused.empty())
     json["at_limit"] = "the device had no more force, or gave way: the person may be stronger";
   return json;
 }

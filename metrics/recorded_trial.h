@@ -89,6 +89,7 @@ struct TrialFigures {
   std::optional<PressFigures> press;  ///< of a press against a lock
   std::optional<TrackFigures> track;  ///< of tracking
   std::optional<double> difference;   ///< of a pair: distance of the second place less the first one [m]
+  std::string refused_pair;           ///< why a pair does not count; else empty
   ReachKind reach_kind = ReachKind::plain;
 };
 

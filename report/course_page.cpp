@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <set>
 
 namespace haptrace {
 namespace {
@@ -144,7 +145,8 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
   // The name of a recording without a title is that of its file, which says nothing about several of them.
   const std::string name = last.task || last.path.empty() ? last.name : last.path;
   add(parent, heading, fmt::format("Over sessions: {}{}", name, last.test.empty() ? "" : " (" + last.test + ")"));
-  const bool guided = last.mode != "free" && last.mode != "recording";
+  static const std::set<std::string> kUnguided{"free", "recording", "reach", "range", "press", "track", "sense"};
+  const bool guided = !kUnguided.contains(last.mode);
   set(add(parent, "p",
           guided ? "These repetitions were guided. They show how the practice went, not what was learned: only tests "
                    "without forces show that, above all a day or more later."

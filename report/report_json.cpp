@@ -1,4 +1,4 @@
-#include "base/json_reader.h"
+#include "base/optional_json.h"
 #include "report/course.h"
 
 namespace haptrace {
@@ -29,6 +29,8 @@ json json_of_trial(const ReportTrial& trial) {
             {"assistance", json_of_number(trial.assistance)},
             {"level", json_of_number(trial.level)}}},
           {"reach", trial.target.empty() ? json() : json(trial.target)},
+          {"at_limit", trial.at_limit},
+          {"answer", trial.answer ? json(*trial.answer) : json()},
           {"figures", std::move(figures)}};
 }
 

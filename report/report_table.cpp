@@ -46,7 +46,7 @@ std::string report_table(const Report& report) {
        {"session", "subject",  "created",           "exercise",   "mode",  "test",       "warm_up",
         "path",    "round",    "repetition",        "attempt",    "began", "file",       "stopped_by",
         "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s", "samples",
-        "rank",    "reach"})
+        "rank",    "reach",    "at_limit",          "answer"})
     header.add(name);
   for (const TrialFigure& figure : all_trial_figures()) header.add(figure.name);
   std::string table = std::move(header).end();
@@ -67,6 +67,8 @@ std::string report_table(const Report& report) {
         row.add_count(static_cast<int>(trial.samples));
         row.add(trial.rank ? fmt::format("{}", *trial.rank) : "");
         row.add(trial.target);
+        row.add_count(trial.at_limit ? 1 : 0);
+        row.add(trial.answer ? fmt::format("{}", *trial.answer) : "");
         for (const std::optional<double>& figure : trial.figures) row.add_number(figure);
         table += std::move(row).end();
       }

@@ -206,12 +206,11 @@ void add_assessment(xml_node section, const ReportExercise& exercise) {
     caption += range ? " ≥: the device ends there, and the person may come farther."
                      : " ≥: the device had no more force, or gave way; the person may be stronger.";
   Table table(section, caption, summary.directions.size());
-  table.column("direction", true);
+  table.column("direction (degrees)", true);
   table.column("tries", true);
   table.column(range ? "range of motion (mm)" : "maximum force (N)", true);
-  for (std::size_t i = 0; i < summary.directions.size(); ++i) {
-    const DirectionSummary& one = summary.directions[i];
-    table.row(fmt::format("{}", i + 1));
+  for (const DirectionSummary& one : summary.directions) {
+    table.row(fmt::format("{:.0f}", one.angle));
     table.number(fmt::format("{}", one.tries));
     table.number(one.best ? with_minus(fmt::format("{}{:.{}f}", one.at_limit ? "≥ " : "", (range ? 1e3 : 1) * *one.best,
                                                    range ? 1 : 2))

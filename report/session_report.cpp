@@ -242,10 +242,11 @@ void add_trends(ReportExercise& exercise, const std::string& asked) {
     if (figures[i].better < 0) trend.curve = better_curve(trend.values);
     exercise.trends.push_back(std::move(trend));
   }
+  // Directions and pairs differ: their results are not those of a typical trial.
+  if (exercise.sense || (exercise.assessment && !exercise.assessment->directions.empty())) return;
   const bool own_time = exercise.mode == "passive" || exercise.mode == "cursor" || exercise.mode == "playback";
-  for (const std::string& name :
-       {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"), std::string("range_m"),
-        std::string("press_force_n"), std::string("tracking_rms_m"), std::string("movement_time_s")})
+  for (const std::string& name : {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"),
+                                  std::string("tracking_rms_m"), std::string("movement_time_s")})
     if (!name.empty() && defined(index_of(name))) {
       exercise.figure = name;
       exercise.figure_named = name == asked;
@@ -594,6 +595,8 @@ class SessionReading {
                       .figures = values_of(logged.figures)};
     add_settings(trial, logged.settings, programme_.exercise(logged.exercise));
     if (logged.reach) trial.target = describe(*programme_.exercise(logged.exercise).reach, *logged.reach);
+    trial.at_limit = logged.figures.is_object() && logged.figures.contains("at_limit");
+    if (logged.sense) trial.answer = logged.sense->answer;
     const std::string place = place_of(session_, logged);
     const std::size_t first = session_.events.size();
     if (!trial.finished() && !trial.out_of_time()) tell_end(trial, place);

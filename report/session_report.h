@@ -37,6 +37,8 @@ struct ReportTrial {
   std::string stopped_by = "finished";  ///< "finished", or the reason of the end; empty if it was not written down
   std::string detail;                   ///< details of the reason, in words
   std::string missing;                  ///< reason why its recording is not drawn; empty when it is
+  bool at_limit = false;                ///< of a range and a press: the person may be capable of more
+  std::optional<int> answer;            ///< of a pair of places: 1, 2; 0: none
   std::string target;                   ///< of a reach, in words: its target, block and kind; else empty
   std::optional<double> pace, radius, stiffness, assistance, level;  ///< see TrialSettings
   double duration = 0;                                               ///< [s]

@@ -318,12 +318,12 @@ void read_time_limit(JsonReader& reader, Exercise& exercise) {
   std::sort(lines.begin(), lines.end());
   double nearest = lines.back();
   for (std::size_t i = 1; i < lines.size(); ++i) nearest = std::min(nearest, lines[i] - lines[i - 1]);
+  if (nearest == 0) throw input_error(reader.where() + ".track.frequencies: two sines have the same frequency");
   if (const double counted = limit - task.track.discard; !(counted * nearest >= 1))
     throw input_error(fmt::format(
         "{}: tracking lasts {:g} s, of which {:g} s are discarded; {:.0f} s are needed to tell sines apart that are "
         "{:g} Hz from each other or from 0; raise time_limit, or choose other frequencies",
-        reader.where(), limit, task.track.discard, nearest > 0 ? std::ceil(1 / nearest) + task.track.discard : 0,
-        nearest));
+        reader.where(), limit, task.track.discard, std::ceil(1 / nearest) + task.track.discard, nearest));
 }
 
 Exercise read_exercise(JsonReader reader, const std::string& name) {
@@ -562,6 +562,7 @@ Path path_of(const Programme& programme, const Exercise& exercise, const std::st
               : exercise.sense ? path_of_sense(*exercise.sense)
               : exercise.shape ? path_of_shape(JsonReader(*exercise.shape, "shape of '" + exercise.name + "'"))
                                : load_expert(exercise, folder);
+  if (exercise.reach || exercise.sense) path.name = exercise.name;
   exercise.change.apply(path);
   programme.person.apply(path);
   return path;

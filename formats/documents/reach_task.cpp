@@ -20,6 +20,8 @@ constexpr double kLargestGain = 100;                     // of a field [N s/m]
 constexpr double kShortestWay = 1e-3;                    // that has a direction [m]
 constexpr double kSlowestSine = 0.01, kFastestSine = 5;  // of a target that moves [Hz]
 constexpr std::size_t kMostSines = 12;
+constexpr double kFastestTarget = 1;   // that moves [m/s]
+constexpr double kShortestHold = 0.1;  // at the farthest place [s]
 
 /// Reads a list of rows of numbers, all of the same length. `size` rows, or any number if it is 0.
 std::vector<std::vector<double>> read_rows(const JsonReader& reader, const char* key, const json& value,
@@ -155,6 +157,13 @@ void read_track(JsonReader& reader, ReachTask& task) {
                                     reader.where(), kMostSines, kSlowestSine, kFastestSine));
     task.track.frequency = value.get<std::vector<double>>();
   }
+  double sum = 0;
+  for (const double f : task.track.frequency) sum += 2 * std::numbers::pi * f;
+  if (const double fastest = amplitude * sum / static_cast<double>(task.track.frequency.size());
+      fastest > kFastestTarget)
+    throw input_error(fmt::format(
+        "{}: its target moves at up to {:.2g} m/s; at most {:g} m/s can be followed: lower amplitude or frequencies",
+        reader.where(), fastest, kFastestTarget));
   task.track.discard = reader.number("discard", task.track.discard, TrackSignal::kFadeIn, 60);
   // Phases that no pattern shares with another one: multiples of the golden section.
   const int pattern = reader.integer("pattern", 1, 1, 10'000);
@@ -255,7 +264,7 @@ ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions) {
   read_start_hold(reader, task);
   task.pull = reader.boolean("pull", task.pull);
   if (goal == ReachGoal::target || goal == ReachGoal::range)
-    task.target_hold = reader.number("target_hold", task.target_hold, 0, 10);
+    task.target_hold = reader.number("target_hold", task.target_hold, goal == ReachGoal::range ? kShortestHold : 0, 10);
   if (goal == ReachGoal::range || goal == ReachGoal::press) {
     check_directions(reader, task);
     const int tries = reader.integer("tries", 3, 1, 1000);
@@ -288,11 +297,20 @@ ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const
   return trial;
 }
 
+double angle_of(const ReachTask& task, std::size_t target) {
+  const auto [right, up] = plane_axes(task.plane);
+  const Vec3 way = task.targets.at(target) - task.start;
+  const double angle = 180 / std::numbers::pi * std::atan2(way.dot(up), way.dot(right));
+  return std::round(angle < -1e-9 ? angle + 360 : std::abs(angle));
+}
+
 std::string describe(const ReachTask& task, const PlannedReach& planned) {
   const ReachBlock& block = task.blocks.at(static_cast<std::size_t>(planned.block));
   if (task.goal == ReachGoal::track) return "tracking";
   std::string text = fmt::format("{} {} of {}", task.goal == ReachGoal::target ? "target" : "direction",
                                  planned.target + 1, task.targets.size());
+  if (task.goal != ReachGoal::target)
+    text += fmt::format(", {:.0f} degrees", angle_of(task, static_cast<std::size_t>(planned.target)));
   if (!block.name.empty()) text += ", " + block.name;
   if (planned.kind != ReachKind::plain) text += fmt::format(", {}", to_string(planned.kind));
   return text;

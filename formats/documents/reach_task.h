@@ -73,7 +73,11 @@ struct PlannedReach {
 ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const Eigen::Matrix3d& turn,
                        const Vec3& start, const Vec3& target);
 
-/// Returns "target 3 of 8, clamp, field": for users, counted from 1.
+/// Returns the direction of a target in the plane of the task, from its first axis towards its second one, 0 to 360
+/// [degrees], rounded.
+double angle_of(const ReachTask& task, std::size_t target);
+
+/// Returns "target 3 of 8, clamp, field", or "direction 3 of 8, 90 degrees": for users, counted from 1.
 std::string describe(const ReachTask& task, const PlannedReach& planned);
 
 nlohmann::json json_of(const PlannedReach& planned);

@@ -96,8 +96,9 @@ Path path_of_pair(const SenseTask& task, int pair) {
   return path;
 }
 
-SensePair sense_pair(const SenseTask& task, const Eigen::Matrix3d& turn) {
-  SensePair pair{.axis = turn * task.axis};
+SensePair sense_pair(const SenseTask& task, int number) {
+  SensePair pair{.axis = task.axis.normalized(),
+                 .difference = task.axis.norm() * task.pairs().at(static_cast<std::size_t>(number))};
   for (int place = 0; place < 2; ++place) {
     std::array<double, 2>& window = place == 0 ? pair.first : pair.second;
     window[0] = begin_of(task, place) + task.move + 0.5 * task.stay;
@@ -109,12 +110,14 @@ SensePair sense_pair(const SenseTask& task, const Eigen::Matrix3d& turn) {
 json json_of(const SensePair& pair) {
   return {{"axis", json_of(pair.axis)},
           {"first_s", {pair.first[0], pair.first[1]}},
-          {"second_s", {pair.second[0], pair.second[1]}}};
+          {"second_s", {pair.second[0], pair.second[1]}},
+          {"difference_m", pair.difference}};
 }
 
 SensePair sense_pair_from(JsonReader reader) {
   SensePair pair;
   pair.axis = reader.require("axis").vector("axis", pair.axis);
+  pair.difference = reader.require("difference_m").number("difference_m", 0, -kFarthest, kFarthest);
   for (const auto& [key, window] : {std::pair("first_s", &pair.first), std::pair("second_s", &pair.second)}) {
     const json value = reader.require(key).value(key);
     if (!value.is_array() || value.size() != 2 || !value[0].is_number() || !value[1].is_number())

@@ -49,13 +49,16 @@ Path path_of_pair(const SenseTask& task, int pair);
 
 /// When a recording of a pair shows the two places, and along which direction they differ.
 struct SensePair {
+  static constexpr double kLargestError = 2e-3;  ///< of the difference, in a trial that counts, or half of it [m]
+
   Vec3 axis = Vec3::UnitX();      ///< in W
   std::array<double, 2> first{};  ///< begin and end of the second half of the stay, since the movement began [s]
   std::array<double, 2> second{};
+  double difference = 0;  ///< as planned: distance of the second place less the first one [m]
 };
 
-/// Returns where the pairs of a task are measured. `turn` is the linear part of the exercise's changes, orthogonal.
-SensePair sense_pair(const SenseTask& task, const Eigen::Matrix3d& turn);
+/// Returns where a pair is measured. `task.axis` is in W, with the scale of the exercise.
+SensePair sense_pair(const SenseTask& task, int pair);
 
 /// Returns the object that the config of a recording keeps as `sense`, and reads it.
 nlohmann::json json_of(const SensePair& pair);

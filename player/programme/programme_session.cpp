@@ -83,10 +83,13 @@ class TrialWatch final : public SampleSink {
   void push(const Event& event) noexcept override {
     // While a device is lost or silent, no force acts.
     if (event.code == EventCode::device_lost || event.code == EventCode::states_stopped) force_ = 0;
-    if (event.code == EventCode::time_over) time_over_ = true;
+    if (event.code != EventCode::time_over) return;
+    time_over_ = true;
+    without_cue_ = std::isfinite(event.values[2]);
   }
   [[nodiscard]] double dose() const noexcept { return dose_; }  ///< [N s]
   [[nodiscard]] bool time_over() const noexcept { return time_over_; }
+  [[nodiscard]] bool without_cue() const noexcept { return without_cue_; }  ///< the hand did not hold in the start
   [[nodiscard]] bool dose_reached() const noexcept { return over_.load(std::memory_order_relaxed); }  ///< any thread
 
  private:
@@ -95,7 +98,7 @@ class TrialWatch final : public SampleSink {
   StopRequest& end_;
   std::atomic<bool> over_{false};
   double force_ = 0, dose_ = 0;
-  bool time_over_ = false;
+  bool time_over_ = false, without_cue_ = false;
 };
 
 ScheduledTrial scheduled(const Programme& programme, const PlannedTrial& trial) {
@@ -206,12 +209,32 @@ std::vector<Path> movements_of(const Exercise& exercise, const Path& path) {
   return movements;
 }
 
+/// Returns the part of an exercise's path that the hand must reach: the targets of a range and a press are directions.
+Path reached_part(const Exercise& exercise, const Path& path) {
+  const bool directions =
+      exercise.reach && (exercise.reach->goal == ReachGoal::range || exercise.reach->goal == ReachGoal::press);
+  if (!directions) return path;
+  return {.name = path.name, .time = {path.time.front()}, .position = {path.position.front()}};
+}
+
+/// Checks that the device has the motors and sensors of an exercise. Throws Error(input).
+void check_means(const Exercise& exercise, const Path& path, const DeviceInfo& device, const std::string& where) {
+  try {
+    if (exercise.sense) check_motors(device, (path.position.back() - path.position.front()).normalized(), "it");
+    if (!exercise.reach || exercise.reach->goal != ReachGoal::press) return;
+    for (int target = 0; target < static_cast<int>(exercise.reach->targets.size()); ++target)
+      check_press(device, path.position.at(place_of_target(target)) - path.position.front(), exercise.reach->locked);
+  } catch (const Error& error) {
+    throw input_error(fmt::format("{}: '{}': {}", where, exercise.name, error.what()));
+  }
+}
+
 /// Fits all paths with one transformation, so that they keep their positions relative to each other.
-std::optional<Fit> fit_together(std::vector<Path>& paths, const DeviceInfo& device) {
+std::optional<Fit> fit_together(const Programme& programme, std::vector<Path>& paths, const DeviceInfo& device) {
   const Box workspace = workspace_of(device);
   Box bounds;
-  for (const Path& path : paths) {
-    const Box own = path.bounds();
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    const Box own = reached_part(programme.exercise(i), paths[i]).bounds();
     bounds.include(own.min);
     bounds.include(own.max);
   }
@@ -230,6 +253,7 @@ struct TrialRun {
   std::vector<std::string> notes;
   std::optional<double> stiffness;  ///< stiffness of the walls as applied [N/m]
   std::optional<Initiation> initiation;
+  std::optional<ReachTrial> places = {};  ///< of a trial with a cue, with what the device decided
 };
 
 class ProgrammeRun {
@@ -534,15 +558,18 @@ class ProgrammeRun {
       trial.stopped_by = "skipped";
     trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
     trial.initiation = run.initiation;
+    if (run.places) trial.places = run.places;
     if (exercise.mode != ExerciseMode::passive && !exercise.reach) {
       trial.settings.stiffness = run.stiffness;
       if (options_.live != nullptr) note_changes(i, run, trial.settings);
     }
     if (trial.sense && trial.finished()) {
       trial.sense->answer = ask(exercise.sense->answer);
-      if (trial.sense->answer == 0) trial.stopped_by = "time_over";
+      // A stop in the question leaves it open: the trial will be done again.
+      if (trial.sense->answer == 0)
+        trial.stopped_by = stop_.count() > 0 ? to_string(StopCause::interrupted) : "time_over";
     }
-    measure(trial);
+    measure(trial, watch.without_cue());
     sitting().duration += trial.duration;
     sitting().force_dose += trial.force_dose;
     log().trials.back() = std::move(trial);
@@ -552,9 +579,9 @@ class ProgrammeRun {
   }
 
   /// Computes the metrics of a repetition that was done, and updates the progression.
-  void measure(LoggedTrial& trial) {
+  void measure(LoggedTrial& trial, bool without_cue) {
     if (!trial.done() || trial.skipped()) return;
-    trial.figures = figures_of(trial);
+    trial.figures = figures_of(trial, without_cue);
     for (const char* key : {"refused", "at_limit"})
       if (trial.figures.is_object() && trial.figures.contains(key))
         trial.notices.push_back(trial.figures[key].get<std::string>());
@@ -582,10 +609,12 @@ class ProgrammeRun {
         options_.folder, begun.backend, begun.model, begun.serial, device.backend, device.model, device.serial));
   }
 
-  [[nodiscard]] nlohmann::json figures_of(const LoggedTrial& trial) const {
+  [[nodiscard]] nlohmann::json figures_of(const LoggedTrial& trial, bool without_cue) const {
     const std::string recording = file(trial.file);
-    const std::vector<RecordedTrial> runs = read_trials(RecordingReader(recording), recording);
+    std::vector<RecordedTrial> runs = read_trials(RecordingReader(recording), recording);
     if (runs.empty()) return nullptr;
+    // What was before a lost device does not count, if no cue came after it.
+    if (without_cue) runs.back() = {.kind = TrialKind::reach, .reach = runs.back().reach};
     std::optional<PlantModel> plant;
     if (identified_) plant = identified_->plant;
     return to_json(trial_figures(runs.back(), curves_[trial.exercise], plant));
@@ -678,14 +707,14 @@ class ProgrammeRun {
                          .sinks = {&watch},
                          .live = options_.live};
     if (options_.live != nullptr) options_.live->begin_unguided("no tunnel and no help act in this exercise");
+    options.session = options_.session;
     const ReachPlan plan = plan_reach(device.info(), options);
-    options.trial = plan.trial;
     options.session =
         session_for(device.info(), exercise, trial, watch,
                     {{"verb", "run"}, {"mode", to_string(exercise.mode)}, {"reach", json_of(plan.trial)}});
     warn_once(options.session, Severity::note, plan.notes);
     warn_once(options.session, Severity::warning, plan.warnings);
-    TrialRun run{reach(device, plan, options, stop, progress_), {}, {}, {}};
+    TrialRun run{reach(device, plan, options, stop, progress_), {}, {}, {}, plan.trial};
     if (plan.forces.clamp) run.stiffness = plan.forces.clamp->stiffness;
     return run;
   }
@@ -697,7 +726,8 @@ class ProgrammeRun {
                           {"path", absolute(path_of_trial(trial))},
                           {"speed", trial.settings.pace},
                           {"max-deviation", options_.max_deviation}};
-    if (exercise.sense) config["sense"] = json_of(sense_pair(*exercise.sense, turn_of(programme_, exercise)));
+    if (exercise.sense)
+      config["sense"] = json_of(sense_pair(placed(*exercise.sense, paths_[trial.exercise]), trial.sense->pair));
     PlayOptions options{.identified = identified_,
                         .playback = {.speed = trial.settings.pace,
                                      .hold = exercise.hold,
@@ -889,7 +919,7 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
   for (std::size_t i = 0; i < programme.size(); ++i)
     plan.paths.push_back(path_of(programme, programme.exercise(i), folder));
   std::optional<Fit> fitted;
-  if (fit && device != nullptr) fitted = fit_together(plan.paths, *device);
+  if (fit && device != nullptr) fitted = fit_together(programme, plan.paths, *device);
   for (std::size_t i = 0; i < programme.size(); ++i) {
     const Exercise& exercise = programme.exercise(i);
     const Path& path = plan.paths[i];
@@ -899,7 +929,10 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
     });
     if (exercise.path.empty() || first == plan.parts.end())
       for (const std::string& note : path.notes) plan.notes.push_back(fmt::format("{}: {}", path.name, note));
-    if (device != nullptr) (void)path_for(*device, source_of(Path(path)), false);
+    if (device != nullptr) {
+      (void)path_for(*device, source_of(reached_part(exercise, path)), false);
+      check_means(exercise, path, *device, where);
+    }
     if (exercise.reach && exercise.reach->goal == ReachGoal::target) check_scaled_targets(exercise, path, where);
     if (length_of(path) == 0 && exercise.mode != ExerciseMode::passive)
       throw input_error(fmt::format("{}: the path of '{}' has no length: there is nothing to follow in mode {}", where,

@@ -13,7 +13,10 @@ namespace haptrace {
 namespace {
 
 constexpr double kLongestReachStep = 5;  // most that one tick counts [ticks]
-constexpr double kTankIsLow = 0.5;       // share of the field below which the tank counts as empty
+constexpr double kFarthestReach = 10;    // [m]
+constexpr double kQuiet = 0.5,
+                 kQuietShare = 0.2;  // force of the lock on a hand that waits [N], and share of its largest
+constexpr double kTankIsLow = 0.5;   // share of the field below which the tank counts as empty
 
 void check_course(const char* what, double value, double least, double most, const char* unit) {
   if (value >= least && value <= most) return;
@@ -79,11 +82,12 @@ bool ReachController::follow_requests(const State& state) noexcept {
 }
 
 void ReachController::end_run(Command& command, bool reached, const Vec3& position) noexcept {
+  const double most = goal_ == ReachGoal::target ? geometry_.distance() : kFarthestReach;
   if (!reached)
-    command.event =
-        Event{.code = EventCode::time_over,
-              .values = {std::clamp((position - geometry_.start).dot(geometry_.along()), 0.0, geometry_.distance()),
-                         geometry_.distance(), phases_.phase() == Phase::approach ? waited_ : kNaN}};
+    command.event = Event{
+        .code = EventCode::time_over,
+        .values = {std::clamp((position - geometry_.start).dot(geometry_.along()), 0.0, most),
+                   goal_ == ReachGoal::target ? most : kNaN, phases_.phase() == Phase::approach ? waited_ : kNaN}};
   held_ = 0;
   phases_.begin_hold();
 }
@@ -98,7 +102,10 @@ void ReachController::advance_start(const State& state, Command& command) noexce
   }
   away_ = inside ? 0 : away_ + dt;
   // The hold counts without the force that led the hand.
-  held_ = inside && arrived_ && pull_.value() == 0 ? held_ + dt : 0;
+  // A hand that presses already waits for no cue.
+  const bool presses = goal_ == ReachGoal::press && forces_.options().clamp &&
+                       norm_of(forces_.force()) > std::max(kQuiet, kQuietShare * forces_.options().max_force);
+  held_ = inside && arrived_ && pull_.value() == 0 && !presses ? held_ + dt : 0;
   if (arrived_ && course_.pull && away_ >= kAway) begin_approach(state.position);
   if (waited_ >= kLongestStart) {
     end_run(command, false, geometry_.start);  // the reach did not begin
@@ -116,14 +123,15 @@ bool ReachController::holds(const Vec3& position) noexcept {
   const double came = (position - geometry_.start).dot(geometry_.along());
   const bool stays = came <= farthest_ + kFarther && came >= farthest_ - kSteady;
   if (!stays) farthest_ = came;
-  return stays && norm_of(position - geometry_.start) > geometry_.start_radius;
+  return stays && came > geometry_.start_radius;
 }
 
 void ReachController::advance_run(const State& state, Command& command) noexcept {
   const bool inside = holds(state.position), over = phases_.elapsed() >= course_.time_limit;
   held_ = inside ? held_ + std::min(state.dt, kLongestReachStep / course_.rate_hz) : 0;
   const bool lasts = goal_ == ReachGoal::press || goal_ == ReachGoal::track;
-  if ((inside && held_ >= course_.target_hold) || (lasts && (over || forces_.broken() || forces_.lets_go())))
+  const double hold = goal_ == ReachGoal::range ? std::max(course_.target_hold, kShortestStay) : course_.target_hold;
+  if ((inside && held_ >= hold) || (lasts && (over || forces_.broken() || forces_.lets_go())))
     end_run(command, true, state.position);
   else if (over)
     end_run(command, false, state.position);
@@ -191,7 +199,8 @@ Command ReachController::update(const State& state) noexcept {
   const bool pulled = add_pull(state, command);
   const bool holds = phase == Phase::approach && arrived_ && !leads_;
   const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));
-  if (acts) command.patience = kPatience;
+  // A press is meant to resist, and its lock lets go by itself.
+  if (acts && goal_ != ReachGoal::press) command.patience = kPatience;
   command.wrench.force += forces_.update(state, acts, requests_.share(), !pulled);
   if (phase == Phase::run && !paused_) watch_forces(state, command);
   command.phase = phases_.phase();

@@ -39,10 +39,11 @@ struct ReachCourse {
 ///   A target and a range that were not held end at the time limit, as trials whose time is over.
 /// hold: the pause at the end, without force.
 ///
-/// A clamp, or the lock of a press, comes on in the start and is complete before the cue if the hold is as long as its
-/// rise. A field comes on with the cue: on a light hand that rests, a late estimate of the velocity would let it grow
-/// by itself. A pause takes all forces away; after it the reach starts again with the approach. So it does after a gap.
-/// If the hand is not in the start after kLongestStart, the reach ends as one whose time is over.
+/// The hold before a press counts only while the hand does not press. A clamp, or the lock of a press, comes on in the
+/// start and is complete before the cue if the hold is as long as its rise. A field comes on with the cue: on a light
+/// hand that rests, a late estimate of the velocity would let it grow by itself. A pause takes all forces away; after
+/// it the reach starts again with the approach. So it does after a gap. If the hand is not in the start after
+/// kLongestStart, the reach ends as one whose time is over.
 ///
 /// Real-time: all but the constructor.
 class ReachController final : public Controller {
@@ -53,6 +54,7 @@ class ReachController final : public Controller {
   static constexpr double kEmptyLasts = 0.1;   ///< an event reports an energy tank that is empty for so long [s]
   /// A hand stays at its farthest place if it comes no farther by kFarther, and goes back by no more than kSteady [m].
   static constexpr double kFarther = 1e-3, kSteady = 5e-3;
+  static constexpr double kShortestStay = 0.5;  ///< of a range that ends, however short its hold is [s]
 
   /// Throws Error(input) that names the value that is out of its range.
   ReachController(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,

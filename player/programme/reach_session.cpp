@@ -19,7 +19,8 @@ constexpr double kPullShare = 0.5;                // of the cautious gains: the 
 constexpr double kSlowestRise = 1.5;              // of a clamp [s]
 constexpr double kStrongestShare = 0.8;           // of the device's peak force
 constexpr double kUsualForce = 5;                 // of a device whose peak force is unknown [N]
-constexpr double kGivesMore = 1.5;                // break-out of a lock, in its deflection at the largest force
+constexpr double kBeforeBreak = 0.8;              // share of the break-out at which a lock has its largest force
+constexpr double kOnAxis = 0.1;                   // least part of a direction on an axis that needs a motor there
 constexpr double kWorkless = 0.1;                 // share of the energy for a field that does no work
 constexpr double kLeastArm = 50, kMostArm = 400;  // stiffness of an arm [N/m]
 
@@ -70,27 +71,18 @@ void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan
   plan.forces.clamp = clamp;
 }
 
-/// Plans the lock of a press, or checks that a locked handle can be measured.
+/// Plans the lock of a press.
 void plan_lock(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
-  if (options.locked) {
-    if (!device.measures_force)
-      throw input_error(
-          fmt::format("{} has no force sensor, so nothing measures a press against a locked handle: remove locked, or "
-                      "use a device with a sensor",
-                      device.model));
-    return;
-  }
   ClampOptions lock = stable_clamp(device, options, plan);
   lock.locks = true;
+  // The spring has its largest force before it goes off.
+  plan.forces.max_force = std::min(plan.forces.max_force, kBeforeBreak * lock.stiffness * lock.break_out);
   plan.trial.largest = plan.forces.max_force;
-  // The spring gives way by this much at its largest force.
-  const double given = plan.forces.max_force / lock.stiffness;
-  lock.break_out = std::max(lock.break_out, kGivesMore * given);
-  plan.notes.push_back(fmt::format(
-      "the lock has {:.2g} N, at which the hand is {:.0f} mm from its start; a stronger press is reported as "
-      "a lower bound{}",
-      plan.forces.max_force, 1e3 * given,
-      device.measures_force ? "" : "; without a force sensor, the friction of the device counts as force"));
+  plan.notes.push_back(
+      fmt::format("the lock has {:.2g} N, at which the hand is {:.0f} mm from its start, and goes off at {:.0f} mm; a "
+                  "stronger press is reported as a lower bound{}",
+                  plan.forces.max_force, 1e3 * plan.forces.max_force / lock.stiffness, 1e3 * lock.break_out,
+                  device.measures_force ? "" : "; without a force sensor, the friction of the device is not included"));
   plan.forces.clamp = lock;
 }
 
@@ -122,6 +114,23 @@ FollowedPath shown_path(const ReachTrial& trial) {
 
 }  // namespace
 
+void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what) {
+  for (int axis = 0; axis < 3; ++axis)
+    if (std::abs(direction[axis]) > kOnAxis && !device.force_axes[static_cast<std::size_t>(axis)])
+      throw input_error(
+          fmt::format("{} has no motor along {}, which {} needs: choose another direction, or another device",
+                      device.model, "xyz"[axis], what));
+}
+
+void check_press(const DeviceInfo& device, const Vec3& direction, bool locked) {
+  if (!locked) return check_motors(device, direction.normalized(), "the lock of a press");
+  if (!device.measures_force)
+    throw input_error(
+        fmt::format("{} has no force sensor, so nothing measures a press against a locked handle: remove locked, or "
+                    "use a device with a sensor",
+                    device.model));
+}
+
 ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
   const ReachTrial& trial = options.trial;
   ReachPlan plan{.trial = trial, .forces = {}, .notes = {}, .warnings = {}};
@@ -130,13 +139,15 @@ ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
   plan.forces.energy = options.energy;
   plan.forces.delay = options.identified ? options.identified->plant.delay : kUnknownDelay;
   plan.forces.rate_hz = options.session.loop.rate_hz;
-  const bool lock = trial.goal == ReachGoal::press && !options.locked;
   const bool clamp = trial.kind == ReachKind::clamp, field = trial.field_acts() && !trial.field.isZero(0);
-  if ((clamp || lock || field || options.course.pull) &&
+  if ((clamp || field || options.course.pull) &&
       !(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
-    throw input_error(fmt::format("{} has no motors: {}, or use a device with motors", device.model,
-                                  lock ? "lock the handle and set locked" : "remove field, clamps and pull"));
-  if (trial.goal == ReachGoal::press) plan_lock(device, options, plan);
+    throw input_error(
+        fmt::format("{} has no motors: remove field, clamps and pull, or use a device with motors", device.model));
+  if (trial.goal == ReachGoal::press) {
+    check_press(device, trial.geometry.along(), options.locked);
+    if (!options.locked) plan_lock(device, options, plan);
+  }
   if (clamp) plan_clamp(device, options, plan);
   if (!field) return plan;
   plan.forces.field = trial.field;

@@ -36,6 +36,12 @@ struct ReachPlan {
   std::vector<std::string> warnings;  ///< messages that matter more
 };
 
+/// Throws Error(input) if the device has no motor along a direction; `what` needs it.
+void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what);
+
+/// Throws Error(input) if the device cannot hold a press in this direction, or measure one against a locked handle.
+void check_press(const DeviceInfo& device, const Vec3& direction, bool locked);
+
 /// Checks a reach against the device before a force is sent. Throws Error(input).
 ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options);
 

@@ -106,6 +106,39 @@ TEST(Press, PrefersTheMeasuredForceAndSaysWhenTheDeviceCouldNotHoldMore) {
   EXPECT_FALSE(press_figures(tried.trial(), reach)) << "nothing measures it";
 }
 
+TEST(Press, CountsTheLastTenthOfASecondOfALockThatBrokeSoon) {
+  // 3 N at the end of 0.3 s: no mean over half a second.
+  const AlongX tried(
+      0.3, [](double) { return 0.0; }, [](double t) { return 10 * t; });
+  ReachTrial reach = ahead(ReachGoal::press);
+  reach.largest = 8;
+  EXPECT_FALSE(press_figures(tried.trial(), reach));
+  const auto broken = press_figures(tried.trial(), reach, "the hand broke out of the channel");
+  ASSERT_TRUE(broken);
+  EXPECT_NEAR(broken->force, 2.5, 0.01);
+  EXPECT_TRUE(broken->at_limit);
+}
+
+TEST(Press, IsNoLowerBoundForAFewSamplesAtTheLimit) {
+  const AlongX tried(
+      2, [](double) { return 0.0; }, [](double t) { return t > 1 && t < 1.04 ? 8.0 : 5.0; });
+  ReachTrial reach = ahead(ReachGoal::press);
+  reach.largest = 8;
+  EXPECT_FALSE(press_figures(tried.trial(), reach)->at_limit) << "8 % of the best half second";
+}
+
+TEST(Press, IsNoResultInTheOtherDirectionOrForALockedHandleThatMoved) {
+  const AlongX pulled(
+      2, [](double) { return 0.0; }, [](double) { return -4.0; });
+  ReachTrial reach = ahead(ReachGoal::press);
+  reach.largest = 8;
+  EXPECT_THAT(press_figures(pulled.trial(), reach)->refused, HasSubstr("in the other direction"));
+  AlongX moved(2, [](double t) { return 0.01 * t; });
+  moved.measured.assign(moved.time.size(), Vec3(-5, 0, 0));
+  reach.largest = 0;
+  EXPECT_THAT(press_figures(moved.trial(), reach)->refused, HasSubstr("the handle moved by 20 mm"));
+}
+
 TEST(Tracking, FindsTheGainAndTheDelayOfAHandThatCopiesTheTarget) {
   const ReachTrial reach = ahead(ReachGoal::track);
   for (const double gain : {0.3, 0.9, 1.2})
@@ -162,14 +195,17 @@ TEST(PositionSense, TheMeanThresholdOf200SessionsIsWithinFivePerCentOfTheTruth) 
   std::mt19937_64 random(11);
   for (const double threshold : {0.003, 0.006}) {
     double sum = 0, bias = 0;
+    int within = 0;
     for (int session = 0; session < 200; ++session) {
       const auto fit = fit_sense(answers_of(threshold, 0.001, 24, random));
       ASSERT_TRUE(fit);
       sum += fit->threshold;
       bias += fit->bias;
+      within += fit->low <= threshold && threshold <= fit->high ? 1 : 0;
     }
     EXPECT_NEAR(sum / 200, threshold, 0.05 * threshold);
     EXPECT_NEAR(bias / 200, 0.001, 0.2e-3);
+    EXPECT_GE(within, 180) << "of 200 intervals of 95 %";
   }
 }
 
@@ -184,6 +220,9 @@ TEST(PositionSense, IsExactForProbabilitiesThatFollowTheModel) {
   ASSERT_TRUE(fit);
   EXPECT_NEAR(fit->threshold, 0.004, 2e-5);
   EXPECT_NEAR(fit->bias, -0.0005, 2e-5);
+  EXPECT_NEAR(fit->high - fit->low, 0.0004, 0.0004) << "12 000 answers leave little doubt";
+  EXPECT_LT(fit->low, fit->threshold);
+  EXPECT_GT(fit->high, fit->threshold);
   EXPECT_NEAR(fit->slope, 0.98 * 1.1257 / (4 * 0.004), 0.5);
 }
 
@@ -220,6 +259,8 @@ TEST(PositionSense, CountsAnswersAndThoseThatNeverCame) {
   const auto summary = summarise_sense(programme, 0, log);
   ASSERT_TRUE(summary);
   EXPECT_EQ(describe(*summary), "3 answers, 67 % right, 1 without an answer: no threshold from fewer than 20 answers");
+  log.trials.back().figures["refused"] = "the hand did not let the device lead it";
+  EXPECT_EQ(summarise_sense(programme, 0, log)->refused, 1U);
   EXPECT_EQ(to_json(*summary)["right"], 2);
 }
 
@@ -255,7 +296,7 @@ TEST(AssessmentSummaries, GiveTheBestOfTheTriesAndTheAreaWithinThem) {
   EXPECT_FALSE(summary->directions[1].at_limit);
   EXPECT_NEAR(summary->area.value_or(0), 0.02, 1e-12) << "a square whose diagonals are 0.2 m";
   const std::vector<std::string> lines = describe(*summary);
-  EXPECT_EQ(lines[0], "direction 1: >= 100.0 mm, best of 2");
+  EXPECT_EQ(lines[0], "direction 1 (0 degrees): >= 100.0 mm, best of 2");
   EXPECT_EQ(lines[4], "area within these places: >= 200.0 cm2");
   EXPECT_EQ(to_json(*summary)["directions"][0]["at_limit"], true);
   // A hand that was steered by mouse shows nothing about a person.

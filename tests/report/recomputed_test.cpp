@@ -171,7 +171,7 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
     compare_with_numpy(folder,
                        write_along_x(
                            folder, path.duration(),
-                           {{"mode", "sense"}, {"sense", json_of(sense_pair(task, Eigen::Matrix3d::Identity()))}},
+                           {{"mode", "sense"}, {"sense", json_of(sense_pair(task, 2))}},
                            [&](double t) { return path.position.at(static_cast<std::size_t>(t / 0.01)).x(); },
                            [](double) { return 0.5; }),
                        seen);

@@ -6,6 +6,7 @@
 #include "formats/path/path_source.h"
 #include "player/guidance/guidance_controller.h"
 #include "player/guidance/guide.h"
+#include "tests/player/timed_commands.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
 
@@ -19,6 +20,7 @@ namespace {
 
 using test::Log;
 using test::PointMass;
+using test::TimedCommands;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -40,25 +42,6 @@ std::shared_ptr<const PathSource> live_line() {
   path.name = "line";
   return source_of(std::move(path));
 }
-
-/// Gives commands at times of the session [s], from within it.
-class CommandScript final : public SampleSink {
- public:
-  CommandScript(LiveSession& live, std::vector<std::pair<double, std::string>> commands)
-      : live_(live), commands_(std::move(commands)) {}
-  void push(const Sample& sample) noexcept override {
-    while (next_ < commands_.size() && 1e-9 * static_cast<double>(sample.time_ns) >= commands_[next_].first)
-      answers.push_back(live_.obey(commands_[next_++].second));
-  }
-  using SampleSink::push;
-
-  std::vector<std::string> answers;
-
- private:
-  LiveSession& live_;
-  std::vector<std::pair<double, std::string>> commands_;
-  std::size_t next_ = 0;
-};
 
 TEST(LiveGuidance, AnswersWithTheValueInForceAndItsLimit) {
   LiveGuidance live({});
@@ -167,7 +150,7 @@ void live_guided(LiveRun& run, std::vector<std::pair<double, std::string>> comma
   const GuidePlan plan = plan_guidance(device.info(), live_line(), options);
   LiveGuidance live({.stop = &stop});
   live.begin(guide_scope(plan, options));
-  CommandScript script(live, std::move(commands));
+  TimedCommands script(live, std::move(commands));
   options.live = &live;
   options.sinks = {&script, &run.log};
   run.result = guide(device, plan, options, stop);

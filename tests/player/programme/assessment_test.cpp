@@ -2,6 +2,7 @@
 #include "base/json_reader.h"
 #include "control/velocity_estimator.h"
 #include "devices/registry.h"
+#include "metrics/position_sense.h"
 #include "metrics/recorded_trial.h"
 #include "player/programme/programme_session.h"
 #include "player/programme/reach_controller.h"
@@ -108,6 +109,23 @@ TEST(RangeAssessment, IsOverForAHandThatStaysInTheStartOrNeverRests) {
   EXPECT_THAT(restless.events, testing::ElementsAre(EventCode::repetition, EventCode::time_over));
 }
 
+TEST(RangeAssessment, DoesNotEndForAHandThatGoesAnotherWayOrSlowly) {
+  const ReachCourse course{.start_hold = 0.5, .target_hold = 0.1, .time_limit = 8, .hold = 0.1};
+  for (const Vec3& way : {Vec3(-0.05, 0, 0), Vec3(0, 0.05, 0)}) {
+    const AssessedTrial other =
+        assessed(goal_ahead(ReachGoal::range), {}, course, [&](double since, const Vec3& p, const Vec3& v) {
+          return held_at(since < 0 ? Vec3(Vec3::Zero()) : way, p, v);
+        });
+    EXPECT_THAT(other.events, testing::ElementsAre(EventCode::repetition, EventCode::time_over)) << way.transpose();
+    EXPECT_LT(other.figures.range.value_or(RangeFigures{}).distance, 1e-3);
+  }
+  const AssessedTrial slow =
+      assessed(goal_ahead(ReachGoal::range), {}, course, [](double since, const Vec3& p, const Vec3& v) {
+        return held_at(Vec3(std::clamp(0.01 * since, 0.0, 0.06), 0, 0), p, v);
+      });
+  EXPECT_NEAR(slow.figures.range.value_or(RangeFigures{}).distance, 0.06, 2e-3) << "1 cm/s, and a hold of 0.1 s";
+}
+
 TEST(RangeAssessment, TheMeanOf200SessionsIsWithinFivePerCentOfWhatTheHandsReached) {
   std::mt19937_64 random(7);
   double truth = 0, shown = 0;
@@ -191,6 +209,41 @@ TEST(PressAssessment, EndsBeforeTheForceOfTheLockDecays) {
   EXPECT_NEAR(tried.figures.press.value_or(PressFigures{}).force, 3, 0.1);
 }
 
+TEST(PressAssessment, WaitsForAHandThatPressesBeforeTheCue) {
+  const Hand eager = [](double since, const Vec3& p, const Vec3& v) {
+    return Vec3(Vec3(since < 0 ? 4 : 0, 0, 0) - 200 * p - 20 * v);
+  };
+  ReachTrial trial = goal_ahead(ReachGoal::press);
+  trial.geometry.start_radius = 0.02;
+  const AssessedTrial tried = assessed(trial, lock(8), {.start_hold = 0.5, .time_limit = 3, .hold = 0.1}, eager);
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::time_over)) << "no cue in 60 s";
+  EXPECT_TRUE(tried.recorded.time.empty());
+}
+
+TEST(PressAssessment, LetsTheHandGoSlowly) {
+  std::mt19937_64 random(1);
+  std::vector<double> real;
+  ReachForces forces(goal_ahead(ReachGoal::press).geometry, lock(8));
+  forces.begin();
+  const Vec3 pressed(0.005, 0, 0);
+  for (int i = 0; i < 1000; ++i) (void)forces.update({.dt = kDt, .position = pressed}, true, 1, true);
+  EXPECT_NEAR(forces.force().x(), -5, 0.1);
+  for (int i = 0; i < 500; ++i) (void)forces.update({.dt = kDt, .position = pressed}, false, 1, true);
+  EXPECT_NEAR(forces.force().x(), -2.5, 0.2) << "half a second later";
+  for (int i = 0; i < 510; ++i) (void)forces.update({.dt = kDt, .position = pressed}, false, 1, true);
+  EXPECT_EQ(forces.force().norm(), 0);
+}
+
+TEST(PressAssessment, KeepsTheBreakOutAndTheForceLimitsOfTheSession) {
+  const DeviceInfo info = test::PointMass().info();
+  ReachOptions options{.trial = goal_ahead(ReachGoal::press), .clamp_stiffness = 100, .break_out = 0.01};
+  EXPECT_NEAR(plan_reach(info, options).trial.largest, 0.8 * 100 * 0.01, 1e-9) << "the spring, before it goes off";
+  EXPECT_EQ(plan_reach(info, options).forces.clamp->break_out, 0.01);
+  options.break_out = 0.5;
+  options.session.loop.limits.max_force = 2;
+  EXPECT_NEAR(plan_reach(info, options).trial.largest, 1.6, 1e-9);
+}
+
 TEST(PressAssessment, NeedsASensorForALockedHandleAndMotorsForALock) {
   ReachOptions options{.trial = goal_ahead(ReachGoal::press), .locked = true};
   DeviceInfo info = test::PointMass().info();
@@ -202,7 +255,8 @@ TEST(PressAssessment, NeedsASensorForALockedHandleAndMotorsForALock) {
   EXPECT_TRUE(plan_reach(info, options).forces.clamp->locks);
   EXPECT_GT(plan_reach(info, options).trial.largest, 0);
   info.force_axes = {false, false, false};
-  EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }), HasSubstr("lock the handle and set locked"));
+  EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }),
+              HasSubstr("has no motor along x, which the lock of a press needs"));
 }
 
 TEST(TrackAssessment, FindsDelayAndGainOfHandsThatFollowTheTarget) {
@@ -272,21 +326,22 @@ class SenseSession : public testing::Test {
   SessionLog run(const std::string& sense, const std::string& keys = "") {
     options_.folder = folder_ / "session";
     options_.session.recording.emplace();
-    options_.open = [](const Exercise&, const TrialSettings&, const std::string&) {
-      return std::shared_ptr<Device>(open_device("sim:preset=falcon,hand=relaxed"));
+    options_.open = [this](const Exercise&, const TrialSettings&, const std::string&) {
+      return std::shared_ptr<Device>(open_device(hand_));
     };
     const nlohmann::json programme = parse_json(
         fmt::format(R"({{"haptrace_programme": 1, "seed": 3, "exercises": [{{"mode": "sense", "rest": 0, "hold": 0.1{},
                         "sense": {}}}]}})",
                     keys, sense),
         "p.json");
-    const auto device = open_device("sim:preset=falcon,hand=relaxed");
+    const auto device = open_device(hand_);
     const ProgrammePlan plan =
         plan_programme(programme_from_json(programme, "p.json"), folder_.path(), "p.json", &device->info(), false);
     (void)begin_session(programme, "p.json", plan, device->info(), options_);
     return run_programme(options_, stop_).log;
   }
   TempFolder folder_;
+  std::string hand_ = "sim:preset=falcon,hand=relaxed";
   ProgrammeOptions options_;
   StopRequest stop_;
 };
@@ -316,6 +371,60 @@ TEST_F(SenseSession, ScalesAndTurnsThePlacesWithTheExercise) {
   ASSERT_EQ(log.trials.size(), 2U);
   for (const LoggedTrial& trial : log.trials)
     EXPECT_NEAR(std::abs(figure_in(trial.figures, "sense_difference_m").value_or(0)), 0.01, 3e-3);
+}
+
+TEST_F(SenseSession, AsksAgainAfterAStopInTheQuestion) {
+  options_.asks = [&](double) {
+    stop_.raise();
+    return 0;
+  };
+  const SessionLog log = run(R"({"differences": [0.01], "tries": 2})");
+  EXPECT_FALSE(log.complete);
+  ASSERT_EQ(log.trials.size(), 1U);
+  EXPECT_EQ(log.trials[0].stopped_by, "interrupted");
+  options_.asks = [](double) { return 2; };
+  StopRequest stop;
+  const SessionLog resumed = run_programme(options_, stop).log;
+  EXPECT_TRUE(resumed.complete);
+  ASSERT_EQ(resumed.trials.size(), 3U);
+  EXPECT_EQ(resumed.trials[1].repetition, 1);
+  EXPECT_EQ(resumed.trials[1].attempt, 2);
+}
+
+TEST_F(SenseSession, DoesNotCountAPairToWhichTheHandWasNotLed) {
+  options_.asks = [](double) { return 1; };
+  options_.max_deviation = 1;
+  hand_ = "sim:preset=falcon,hand=tense";
+  const SessionLog log = run(R"({"differences": [0.016], "tries": 2})");
+  const Programme programme = programme_from_json(log.programme, "p");
+  const auto summary = summarise_sense(programme, 0, log);
+  ASSERT_TRUE(summary);
+  for (const LoggedTrial& trial : log.trials) {
+    const double difference = figure_in(trial.figures, "sense_difference_m").value_or(0);
+    EXPECT_EQ(trial.figures.contains("refused"), std::abs(difference) < 0.008) << difference;
+  }
+  EXPECT_EQ(summary->refused + summary->answers, log.trials.size());
+}
+
+TEST(AssessmentPlan, RefusesWhatTheDeviceHasNoMotorOrSensorFor) {
+  const auto error = [](const std::string& exercise) {
+    const auto device = open_device("sim:preset=hapkit");
+    return error_of([&] {
+      (void)plan_programme(
+          programme_from_json(
+              parse_json(fmt::format(R"({{"haptrace_programme": 1, "exercises": [{}]}})", exercise), "p.json"),
+              "p.json"),
+          ".", "p.json", &device->info(), false);
+    });
+  };
+  EXPECT_THAT(error(R"({"mode": "press", "press": {"targets": [[0.01, 0, 0], [0, 0.01, 0]]}})"),
+              HasSubstr("p.json: 'exercise 1': Hapkit has no motor along y, which the lock of a press needs"));
+  EXPECT_THAT(error(R"({"mode": "press", "press": {"targets": [[0, 0.01, 0]], "locked": true}})"),
+              HasSubstr("has no force sensor"));
+  EXPECT_THAT(error(R"({"mode": "sense", "sense": {"axis": [0, 1, 0], "reference": 0.01, "differences": [0.002]}})"),
+              HasSubstr("has no motor along y"));
+  EXPECT_EQ(error(R"({"mode": "range", "range": {"targets": [[5, 0, 0]]}})"), "no error")
+      << "a direction, and no place to reach";
 }
 
 }  // namespace

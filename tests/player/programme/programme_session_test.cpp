@@ -7,6 +7,7 @@
 #include "formats/recording/recording.h"
 #include "metrics/recorded_trial.h"
 #include "tests/support/errors.h"
+#include "tests/support/not_a_tick.h"
 #include "tests/support/point_mass.h"
 #include "tests/support/temp_folder.h"
 
@@ -46,7 +47,10 @@ class CommandingDevice final : public Device {
   ~CommandingDevice() override { device_->close(); }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_->info(); }
   Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
-    if (++calls_ == 500) act_();
+    if (++calls_ == 500) {
+      const test::NotATick scope;
+      act_();
+    }
     return device_->exchange(wrench, dt, state);
   }
   void close() noexcept override { device_->close(); }

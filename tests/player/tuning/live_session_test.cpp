@@ -8,6 +8,7 @@
 #include "player/playback/playback_controller.h"
 #include "player/tuning/live_recording.h"
 #include "player/tuning/live_tuning.h"
+#include "tests/player/timed_commands.h"
 #include "tests/support/allocations.h"
 #include "tests/support/point_mass.h"
 
@@ -21,31 +22,13 @@ namespace {
 
 using test::Log;
 using test::PointMass;
+using test::TimedCommands;
 using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::StartsWith;
 
 const Tuning kSoft{.gains = {Vec3::Constant(500), Vec3::Constant(10)}};
-
-/// Gives commands at times of the session [s], from within it.
-class TimedCommands final : public SampleSink {
- public:
-  TimedCommands(LiveSession& live, std::vector<std::pair<double, std::string>> commands)
-      : live_(live), commands_(std::move(commands)) {}
-  using SampleSink::push;
-  void push(const Sample& sample) noexcept override {
-    while (next_ < commands_.size() && 1e-9 * static_cast<double>(sample.time_ns) >= commands_[next_].first)
-      answers.push_back(live_.obey(commands_[next_++].second));
-  }
-
-  std::vector<std::string> answers;
-
- private:
-  LiveSession& live_;
-  std::vector<std::pair<double, std::string>> commands_;
-  std::size_t next_ = 0;
-};
 
 struct Played {
   std::optional<PlayResult> result;
