@@ -327,7 +327,8 @@ class ProgrammeScreen {
   void end(const LoggedTrial& trial) {
     clear();
     (void)commands_.answer_of(false);
-    if (const std::string text = figures_text(trial.figures); !text.empty()) output_.remark("  " + text);
+    if (const std::string text = figures_text(trial.figures); !text.empty() && !trial.sense)
+      output_.remark("  " + text);
     for (const char* key : {"refused", "at_limit"})
       if (trial.figures.is_object() && trial.figures.contains(key))
         output_.remark("  " + trial.figures[key].get<std::string>());

@@ -113,8 +113,9 @@ std::vector<std::string> describe(const AssessmentSummary& summary) {
     return value ? fmt::format("{:.{}f}{}", scale * *value, digits, unit) : std::string("undefined");
   };
   if (summary.goal == ReachGoal::track)
-    return {fmt::format("{} trials: rms error {}, gain {}, delay {}", summary.trials, text(summary.rms, 1e3, 1, " mm"),
-                        text(summary.gain, 1, 2, ""), text(summary.delay, 1e3, 0, " ms"))};
+    return {fmt::format("{} trial{}: rms error {}, gain {}, delay {}", summary.trials, summary.trials == 1 ? "" : "s",
+                        text(summary.rms, 1e3, 1, " mm"), text(summary.gain, 1, 2, ""),
+                        text(summary.delay, 1e3, 0, " ms"))};
   std::vector<std::string> lines;
   const bool range = summary.goal == ReachGoal::range;
   for (std::size_t i = 0; i < summary.directions.size(); ++i) {

@@ -206,7 +206,7 @@ void add_assessment(xml_node section, const ReportExercise& exercise) {
     caption += range ? " ≥: the device ends there, and the person may come farther."
                      : " ≥: the device had no more force, or gave way; the person may be stronger.";
   Table table(section, caption, summary.directions.size());
-  table.column("direction (degrees)", true);
+  table.column("direction (degrees)");
   table.column("tries", true);
   table.column(range ? "range of motion (mm)" : "maximum force (N)", true);
   for (const DirectionSummary& one : summary.directions) {

@@ -37,7 +37,8 @@ bool beats(double value, const std::vector<double>& earlier) {
 /// Returns the settings of a repetition that its exercise's mode uses, in words.
 std::vector<std::string> setting_words(const Exercise& exercise, const TrialSettings& settings) {
   std::vector<std::string> words;
-  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive && !exercise.reach)
+  if (exercise.mode != ExerciseMode::free && exercise.mode != ExerciseMode::passive && !exercise.reach &&
+      !exercise.sense)
     words.push_back(fmt::format("radius {:.1f} mm", 1e3 * settings.radius));
   if (exercise.mode == ExerciseMode::assisted)
     words.push_back(fmt::format("assistance {:.0f} %", 100 * settings.assistance));
