@@ -170,8 +170,7 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
     const TempFolder folder;
     compare_with_numpy(folder,
                        write_along_x(
-                           folder, path.duration(),
-                           {{"mode", "sense"}, {"sense", json_of(sense_pair(task, 2))}},
+                           folder, path.duration(), {{"mode", "sense"}, {"sense", json_of(sense_pair(task, 2))}},
                            [&](double t) { return path.position.at(static_cast<std::size_t>(t / 0.01)).x(); },
                            [](double) { return 0.5; }),
                        seen);

@@ -10,13 +10,17 @@ void __rtsan_on();
 
 namespace haptrace::test {
 
-/// Tells clang's real-time sanitizer that what follows would run in another thread. A test that gives a command within a
-/// tick does so at an exact time, which no other thread could.
+/// Tells clang's real-time sanitizer that what follows would run in another thread. A test that gives a command within
+/// a tick does so at an exact time, which no other thread could.
 class NotATick {
  public:
 #ifdef HAPTRACE_RTSAN
-  NotATick() noexcept { __rtsan_off(); }
-  ~NotATick() { __rtsan_on(); }
+  NotATick() noexcept {
+    __rtsan_off();
+  }
+  ~NotATick() {
+    __rtsan_on();
+  }
 #else
   NotATick() noexcept {}  // NOLINT(modernize-use-equals-default): a trivial one would warn as unused
   ~NotATick() {}          // NOLINT(modernize-use-equals-default)
