@@ -91,7 +91,7 @@ void plan_lock(const DeviceInfo& device, const ReachOptions& options, ReachPlan&
 FollowedPath shown_path(const ReachTrial& trial) {
   constexpr int kPoints = 48;
   const ReachGeometry& geometry = trial.geometry;
-  FollowedPath followed{.mode = to_string(trial.goal)};
+  FollowedPath followed{.mode = trial.goal == ReachGoal::target ? "reach" : to_string(trial.goal)};
   const Vec3 along = geometry.along();
   const auto add = [&](const Vec3& place) {
     followed.time.push_back(static_cast<double>(followed.time.size()));
