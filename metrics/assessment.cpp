@@ -172,8 +172,8 @@ std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& 
   const double play = reach.largest > 0 ? 0 : largest_movement(trial.position);
   if (play > PressFigures::kLockedPlay)
     figures->refused = fmt::format("the handle moved by {:.0f} mm, so it was not locked", 1e3 * play);
-  else if (!(figures->force > 0))
-    figures->refused = "the hand pressed in the other direction, or the sensor states the force with the other sign";
+  else if (figures->force < PressFigures::kLeast)
+    figures->refused = "the hand did not press in this direction, or the sensor states the force with the other sign";
   return figures;
 }
 

@@ -34,6 +34,7 @@ struct PressFigures {
   static constexpr double kWindow = 0.5, kBeforeBreak = 0.1;  ///< [s]
   static constexpr double kNearLimit = 0.95;                  ///< share of the largest force that counts as all of it
   static constexpr double kLimited = 0.1;                     ///< share of the samples
+  static constexpr double kLeast = 0.2;                       ///< of a result [N]
   static constexpr double kLockedPlay = 5e-3;                 ///< largest movement of a handle that is locked [m]
 };
 

@@ -98,8 +98,10 @@ nlohmann::json to_json(const AssessmentSummary& summary) {
   const char* const key = summary.goal == ReachGoal::range ? "best_m" : "best_n";
   json["directions"] = nlohmann::json::array();
   for (const DirectionSummary& one : summary.directions)
-    json["directions"].push_back(
-        {{"angle_deg", one.angle}, {"tries", one.tries}, {key, json_of_number(one.best)}, {"at_limit", one.at_limit}});
+    json["directions"].push_back({{"angle_deg", json_of_number(one.angle)},
+                                  {"tries", one.tries},
+                                  {key, json_of_number(one.best)},
+                                  {"at_limit", one.at_limit}});
   if (summary.goal == ReachGoal::range) {
     json["area_m2"] = json_of_number(summary.area);
     json["area_at_limit"] = summary.at_limit();
@@ -120,7 +122,7 @@ std::vector<std::string> describe(const AssessmentSummary& summary) {
   const bool range = summary.goal == ReachGoal::range;
   for (std::size_t i = 0; i < summary.directions.size(); ++i) {
     const DirectionSummary& one = summary.directions[i];
-    lines.push_back(fmt::format("direction {} ({:.0f} degrees): {}{}, best of {}", i + 1, one.angle,
+    lines.push_back(fmt::format("direction {} ({}): {}{}, best of {}", i + 1, angle_in_words(one.angle),
                                 one.at_limit ? ">= " : "",
                                 range ? text(one.best, 1e3, 1, " mm") : text(one.best, 1, 2, " N"), one.tries));
   }

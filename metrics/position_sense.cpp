@@ -128,9 +128,12 @@ nlohmann::json to_json(const SenseSummary& summary) {
 }
 
 std::string describe(const SenseSummary& summary) {
-  if (summary.answers == 0) return fmt::format("no answer in {} trials", summary.unanswered + summary.refused);
-  const double right = 100.0 * static_cast<double>(summary.right) / static_cast<double>(summary.answers);
-  std::string text = fmt::format("{} answers, {:.0f} % right", summary.answers, right);
+  // Few answers would tell those who gave them which were right.
+  const bool enough = summary.answers >= SenseFit::kLeastAnswers;
+  const double right =
+      summary.answers > 0 ? 100.0 * static_cast<double>(summary.right) / static_cast<double>(summary.answers) : 0;
+  std::string text = fmt::format("{} answer{}", summary.answers, summary.answers == 1 ? "" : "s");
+  if (enough) text += fmt::format(", {:.0f} % right", right);
   if (summary.unanswered > 0) text += fmt::format(", {} without an answer", summary.unanswered);
   if (summary.refused > 0)
     text += fmt::format(", {} left out, in which the hand did not let the device lead it", summary.refused);
@@ -138,8 +141,7 @@ std::string describe(const SenseSummary& summary) {
     return text + fmt::format(": threshold {:.1f} mm (95 % interval {:.1f} to {:.1f} mm), bias {:.1f} mm",
                               1e3 * summary.fit->threshold, 1e3 * summary.fit->low, 1e3 * summary.fit->high,
                               1e3 * summary.fit->bias);
-  if (summary.answers < SenseFit::kLeastAnswers)
-    return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
+  if (!enough) return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
   constexpr double kTold = 70, kOther = 40;  // [%]
   return text + (right > kTold    ? ": the threshold is below the differences; choose smaller ones"
                  : right < kOther ? ": the answers are the other way round; check that the question is understood"

@@ -575,7 +575,7 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     if (off > std::max(SensePair::kLargestError, 0.5 * std::abs(trial.sense->difference)))
       figures.refused_pair =
           fmt::format("the places differed by {:.1f} mm instead of {:.1f} mm: the hand did not let the device lead it",
-                      1e3 * *figures.difference, 1e3 * trial.sense->difference);
+                      1e3 * std::abs(*figures.difference), 1e3 * std::abs(trial.sense->difference));
   }
   figures.peak_force = peak_of(trial.force);
   if (!trial.reach || trial.reach->goal != ReachGoal::press) figures.movement = movement_figures(samples, movement);

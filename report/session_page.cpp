@@ -210,7 +210,7 @@ void add_assessment(xml_node section, const ReportExercise& exercise) {
   table.column("tries", true);
   table.column(range ? "range of motion (mm)" : "maximum force (N)", true);
   for (const DirectionSummary& one : summary.directions) {
-    table.row(fmt::format("{:.0f}", one.angle));
+    table.row(std::isnan(one.angle) ? kUndefined : fmt::format("{:.0f}", one.angle));
     table.number(fmt::format("{}", one.tries));
     table.number(one.best ? with_minus(fmt::format("{}{:.{}f}", one.at_limit ? "≥ " : "", (range ? 1e3 : 1) * *one.best,
                                                    range ? 1 : 2))

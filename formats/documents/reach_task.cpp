@@ -300,8 +300,14 @@ ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const
 double angle_of(const ReachTask& task, std::size_t target) {
   const auto [right, up] = plane_axes(task.plane);
   const Vec3 way = task.targets.at(target) - task.start;
+  constexpr double kInPlane = 0.1;  // least part of a direction that has an angle in the plane
+  if (std::hypot(way.dot(up), way.dot(right)) < kInPlane * way.norm()) return std::nan("");
   const double angle = 180 / std::numbers::pi * std::atan2(way.dot(up), way.dot(right));
   return std::round(angle < -1e-9 ? angle + 360 : std::abs(angle));
+}
+
+std::string angle_in_words(double angle) {
+  return std::isnan(angle) ? "out of the plane" : fmt::format("{:.0f} degrees", angle);
 }
 
 std::string describe(const ReachTask& task, const PlannedReach& planned) {
@@ -310,7 +316,7 @@ std::string describe(const ReachTask& task, const PlannedReach& planned) {
   std::string text = fmt::format("{} {} of {}", task.goal == ReachGoal::target ? "target" : "direction",
                                  planned.target + 1, task.targets.size());
   if (task.goal != ReachGoal::target)
-    text += fmt::format(", {:.0f} degrees", angle_of(task, static_cast<std::size_t>(planned.target)));
+    text += ", " + angle_in_words(angle_of(task, static_cast<std::size_t>(planned.target)));
   if (!block.name.empty()) text += ", " + block.name;
   if (planned.kind != ReachKind::plain) text += fmt::format(", {}", to_string(planned.kind));
   return text;

@@ -74,8 +74,9 @@ ReachTrial reach_trial(const ReachTask& task, const PlannedReach& planned, const
                        const Vec3& start, const Vec3& target);
 
 /// Returns the direction of a target in the plane of the task, from its first axis towards its second one, 0 to 360
-/// [degrees], rounded.
+/// [degrees], rounded; NaN for a direction out of the plane.
 double angle_of(const ReachTask& task, std::size_t target);
+std::string angle_in_words(double angle);  ///< "90 degrees", or "out of the plane"
 
 /// Returns "target 3 of 8, clamp, field", or "direction 3 of 8, 90 degrees": for users, counted from 1.
 std::string describe(const ReachTask& task, const PlannedReach& planned);

@@ -34,7 +34,8 @@ ReachController::ReachController(const ReachTrial& trial, const ReachForces::Opt
       course_(course),
       pull_gains_(pull),
       hand_(hand),
-      phases_(1, course.hold, course.approach_speed) {
+      phases_(1, trial.goal == ReachGoal::press ? std::max(course.hold, ReachForces::kDecay) : course.hold,
+              course.approach_speed) {
   validate(pull);
   check_course("the hold in the start", course.start_hold, 0, 60, "s");
   check_course("the hold in the target", course.target_hold, 0, 60, "s");
@@ -69,6 +70,7 @@ void ReachController::begin_approach(const Vec3& from) noexcept {
   pull_ = Ramp(0);
   held_ = away_ = empty_ = 0;
   farthest_ = kNaN;
+  let_go_ = false;
   told_broken_ = told_empty_ = false;
 }
 
@@ -101,6 +103,9 @@ void ReachController::advance_start(const State& state, Command& command) noexce
     leads_ = false;
   }
   away_ = inside ? 0 : away_ + dt;
+  // A lock that a hand pressed off before the cue, or that has held it for too long, comes on again in the start.
+  let_go_ = (let_go_ && !(inside && forces_.force().isZero(0))) || forces_.lets_go();
+  if (forces_.broken() && inside && forces_.force().isZero(0)) forces_.begin();
   // The hold counts without the force that led the hand.
   // A hand that presses already waits for no cue.
   const bool presses = goal_ == ReachGoal::press && forces_.options().clamp &&
@@ -197,7 +202,7 @@ Command ReachController::update(const State& state) noexcept {
   const Phase phase = phases_.phase();
   command.reference = {.position = goal(), .velocity = Vec3::Zero(), .acceleration = Vec3::Zero()};
   const bool pulled = add_pull(state, command);
-  const bool holds = phase == Phase::approach && arrived_ && !leads_;
+  const bool holds = phase == Phase::approach && arrived_ && !leads_ && !let_go_;
   const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));
   // A press is meant to resist, and its lock lets go by itself.
   if (acts && goal_ != ReachGoal::press) command.patience = kPatience;

@@ -18,7 +18,7 @@ struct ReachCourse {
   double start_hold = 0.75;     ///< hold in the start before the cue [s]
   double target_hold = 0.5;     ///< hold in the target, or at the farthest place, that ends the reach [s]
   double time_limit = 3;        ///< from the cue [s]; a press and tracking end at it
-  double hold = 0.5;            ///< pause at the end [s]
+  double hold = 0.5;            ///< pause at the end [s]; of a press at least the time in which its lock goes
   bool pull = false;            ///< a force leads the hand to the start; else the participant finds it
   double approach_speed = 0.1;  ///< of that force's reference, at its peak [m/s]
   double max_deviation = 0.1;   ///< distance from that reference at which the session stops [m]
@@ -100,6 +100,7 @@ class ReachController final : public Controller {
   Ramp pull_{0};
   bool leads_ = false;      ///< the pull is on
   bool arrived_ = false;    ///< the hand has been in the start since the approach began
+  bool let_go_ = false;     ///< the lock waits for a hand that has pressed too long before the cue
   double waited_ = 0;       ///< time of the approach, leading back included [s]
   double held_ = 0;         ///< time in the start, then in the target or at the farthest place [s]
   double farthest_ = kNaN;  ///< range: how far the hand last came to stay, along the direction [m]

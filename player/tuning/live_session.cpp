@@ -155,8 +155,7 @@ std::string LiveSession::repeat() {
 
 std::string LiveSession::answer_with(const std::string& name) {
   if (!asks_) throw input_error(name + ": there is no question now");
-  answered_ = name == "first" ? 1 : 2;
-  log("answer: " + name, name, "answer");
+  answered_ = name == "first" ? 1 : 2;  // the session log keeps it; the recording has ended
   return name;
 }
 

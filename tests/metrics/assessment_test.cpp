@@ -132,7 +132,7 @@ TEST(Press, IsNoResultInTheOtherDirectionOrForALockedHandleThatMoved) {
       2, [](double) { return 0.0; }, [](double) { return -4.0; });
   ReachTrial reach = ahead(ReachGoal::press);
   reach.largest = 8;
-  EXPECT_THAT(press_figures(pulled.trial(), reach)->refused, HasSubstr("in the other direction"));
+  EXPECT_THAT(press_figures(pulled.trial(), reach)->refused, HasSubstr("did not press in this direction"));
   AlongX moved(2, [](double t) { return 0.01 * t; });
   moved.measured.assign(moved.time.size(), Vec3(-5, 0, 0));
   reach.largest = 0;
@@ -258,7 +258,7 @@ TEST(PositionSense, CountsAnswersAndThoseThatNeverCame) {
   add(0.004, 0);
   const auto summary = summarise_sense(programme, 0, log);
   ASSERT_TRUE(summary);
-  EXPECT_EQ(describe(*summary), "3 answers, 67 % right, 1 without an answer: no threshold from fewer than 20 answers");
+  EXPECT_EQ(describe(*summary), "3 answers, 1 without an answer: no threshold from fewer than 20 answers");
   log.trials.back().figures["refused"] = "the hand did not let the device lead it";
   EXPECT_EQ(summarise_sense(programme, 0, log)->refused, 1U);
   EXPECT_EQ(to_json(*summary)["right"], 2);

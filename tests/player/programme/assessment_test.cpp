@@ -220,6 +220,21 @@ TEST(PressAssessment, WaitsForAHandThatPressesBeforeTheCue) {
   EXPECT_TRUE(tried.recorded.time.empty());
 }
 
+TEST(PressAssessment, LocksAgainAHandThatPressedTheLockOffBeforeTheCue) {
+  // Presses with 12 N for a second, comes back, and presses with 3 N after the cue.
+  double time = 0;
+  const AssessedTrial tried =
+      assessed(goal_ahead(ReachGoal::press), lock(4), {.start_hold = 1, .time_limit = 1.5, .hold = 0},
+               [&](double since, const Vec3& p, const Vec3& v) {
+                 time += kDt;
+                 if (since < 0 && time > 0.3 && time < 1.3) return Vec3(Vec3(12, 0, 0) - 30 * v);
+                 if (since < 0) return held_at(Vec3::Zero(), p, v);
+                 return Vec3(Vec3(since > 0.2 ? 3 : 0, 0, 0) - 20 * v);
+               });
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition));
+  EXPECT_NEAR(tried.figures.press.value_or(PressFigures{}).force, 3, 0.2);
+}
+
 TEST(PressAssessment, LetsTheHandGoSlowly) {
   std::mt19937_64 random(1);
   std::vector<double> real;
