@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <iterator>
+#include <string_view>
 #include <vector>
 
 namespace haptrace {
@@ -27,7 +28,7 @@ std::string shown_json(const json& value) {
   return text;
 }
 
-[[noreturn]] void wrong_type(const std::string& name, const char* expected, const json& value) {
+[[noreturn]] void wrong_type(const std::string& name, std::string_view expected, const json& value) {
   throw input_error(fmt::format("{}: expected {}, found {}", name, expected, shown_json(value)));
 }
 
@@ -127,6 +128,26 @@ Vec3 JsonReader::vector(const std::string& key, const Vec3& fallback, double min
   for (int axis = 0; axis < 3; ++axis)
     result[axis] = checked_number((*value)[static_cast<std::size_t>(axis)], fmt::format("{}[{}]", name, axis),
                                   "a number", min, max);
+  return result;
+}
+
+Vec3 JsonReader::direction(const std::string& key, const Vec3& fallback) {
+  constexpr double kShortest = 1e-3;
+  const Vec3 given = vector(key, fallback, -1, 1);
+  if (!(given.norm() > kShortest)) throw input_error(prefix_ + key + ": has no length, so it is no direction");
+  return given.normalized();
+}
+
+std::vector<double> JsonReader::numbers(const std::string& key, std::vector<double> fallback, std::size_t most,
+                                        double min, double max) {
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  const std::string name = prefix_ + key;
+  if (!value->is_array() || value->empty() || value->size() > most)
+    wrong_type(name, fmt::format("a list of 1 to {} numbers", most), *value);
+  std::vector<double> result;
+  for (const json& number : *value)
+    result.push_back(checked_number(number, fmt::format("{}[{}]", name, result.size()), "a number", min, max));
   return result;
 }
 

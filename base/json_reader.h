@@ -33,6 +33,11 @@ inline nlohmann::json json_of_number(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
 }
 
+/// Returns a JSON number, or null if there is no value or it is not finite.
+inline nlohmann::json json_of_number(const std::optional<double>& value) {
+  return value ? json_of_number(*value) : nlohmann::json(nullptr);
+}
+
 /// Returns [x, y, z], a form that JsonReader::vector reads.
 inline nlohmann::json json_of(const Vec3& v) {
   return {v.x(), v.y(), v.z()};
@@ -55,6 +60,11 @@ class JsonReader {
   double number(const std::string& key, double fallback, double min = -1e300, double max = 1e300);
   /// Reads one number for all three axes, or an array of three.
   Vec3 vector(const std::string& key, const Vec3& fallback, double min = -1e300, double max = 1e300);
+  /// Reads a direction that has a length, as a unit vector.
+  Vec3 direction(const std::string& key, const Vec3& fallback);
+  /// Reads a list of 1 to `most` numbers.
+  std::vector<double> numbers(const std::string& key, std::vector<double> fallback, std::size_t most,
+                              double min = -1e300, double max = 1e300);
   int integer(const std::string& key, int fallback, int min, int max);
   bool boolean(const std::string& key, bool fallback);
   std::string text(const std::string& key, const std::string& fallback);

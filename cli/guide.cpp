@@ -346,23 +346,20 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   expert = changed(std::move(expert), moved);
   for (auto& other : options.spread) other = changed(std::move(other), moved);
   keep_applied(options.session, "path_change", describe(change));
-  std::vector<std::string> notes = device->info().notes;
-  for (const std::string& note : expert->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
-  std::ranges::move(opened.warnings, std::back_inserter(notes));
+  std::vector<std::string> notes =
+      note_device_and_path(output, options.session, device->info(), input.name(), expert->facts().notes);
   if (const auto profile =
           arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known))
     options.identified = profile->identified();
   GuidePlan plan = plan_guidance(device->info(), expert, options);
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
   plan.notes.insert(plan.notes.begin(), opened.notes.begin(), opened.notes.end());
-  std::ranges::copy(plan.warnings, std::back_inserter(notes));
+  std::ranges::copy(plan.warnings, std::back_inserter(opened.warnings));
   std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
   if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
-  const std::size_t of_device = device->info().notes.size();
-  note_before(output, options.session, "device", device->info().notes);
-  note_before(output, options.session, "path", std::span(notes).subspan(of_device), Severity::warning);
+  note_before(output, options.session, "path", opened.warnings, Severity::warning);
   note_before(output, options.session, "plan", plan.notes);
-  notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+  for (const auto* more : {&opened.warnings, &plan.notes}) notes.insert(notes.end(), more->begin(), more->end());
 
   const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
   options.live = commands.get();

@@ -367,11 +367,8 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   const Similarity moved = similarity_of(change, *path);
   path = changed(std::move(path), moved);
   keep_applied(options.session, "path_change", describe(change));
-  std::vector<std::string> notes = device->info().notes;
-  for (const std::string& note : path->facts().notes) notes.push_back(fmt::format("{}: {}", input.name(), note));
-  note_before(output, options.session, "device", device->info().notes);
-  note_before(output, options.session, "path", std::span(notes).subspan(device->info().notes.size()),
-              Severity::warning);
+  std::vector<std::string> notes =
+      note_device_and_path(output, options.session, device->info(), input.name(), path->facts().notes);
   const auto profile =
       arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known);
   if (profile) options.identified = profile->identified();

@@ -430,6 +430,15 @@ void note_before(const Output& output, SessionOptions& session, const char* code
   }
 }
 
+std::vector<std::string> note_device_and_path(const Output& output, SessionOptions& session, const DeviceInfo& device,
+                                              const std::string& path, std::span<const std::string> of_path) {
+  std::vector<std::string> notes = device.notes;
+  for (const std::string& note : of_path) notes.push_back(fmt::format("{}: {}", path, note));
+  note_before(output, session, "device", device.notes);
+  note_before(output, session, "path", std::span(notes).subspan(device.notes.size()), Severity::warning);
+  return notes;
+}
+
 int conclude(const Output& output, const SessionResult& result) {
   if (!output.quiet && isatty(STDERR_FILENO) != 0) clear_line();
   if (!result.recording_error.empty()) output.fault(result.recording_error);

@@ -157,6 +157,11 @@ class Signals {
 void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
                  Severity severity = Severity::note);
 
+/// Prints the notes on the device and those on the path, which are warnings, makes them known to the session, and
+/// returns them all. `path` names the path.
+std::vector<std::string> note_device_and_path(const Output& output, SessionOptions& session, const DeviceInfo& device,
+                                              const std::string& path, std::span<const std::string> of_path);
+
 /// Returns a bar of 24 characters, filled up to `share` (0 to 1).
 std::string meter(double share);
 

@@ -43,10 +43,7 @@ class EnergyAccount {
     return given;
   }
 
-  /// States that the springs hold `stored` [J] now, after a change of the springs that no work accounts for.
-  void restate(double stored) noexcept { stored_ = stored; }
-
-  /// States that the springs hold `energy` [J] less, without work.
+  /// States that the springs hold `energy` [J] less, after a change of the springs without work.
   void discard(double energy) noexcept { stored_ -= energy; }
 
   /// Returns the mean force that acted between the last two ticks [N].

@@ -170,13 +170,14 @@ void Guidance::change_tunnels(const State& state, const PathProjection::Foot& fo
   const double now = wall_share_ * stored(foot, foot.tube, tuning_);
   const double share = now > before ? wall_share_ * before / now : wall_share_;
   if (norm_of(share * springs(state, foot) - spring_) > kUnnoticedStep) {
-    release_ = {spring_ + release_.force(hand_), state.position, before + release_.stored(state.position)};
+    const double held = before + release_.stored(state.position);
+    release_ = {spring_ + release_.force(hand_), state.position, held};
     wall_share_ = 0;
-    account_.restate(release_.stored(state.position));
+    account_.discard(held - release_.stored(state.position));
     return;
   }
   wall_share_ = share;
-  if (now <= before) account_.restate(now + release_.stored(state.position));
+  if (now < before) account_.discard(before - now);
 }
 
 void Guidance::rest(double dt) noexcept {

@@ -1,6 +1,6 @@
 #include "metrics/assessment_summary.h"
 
-#include "base/optional_json.h"
+#include "base/json_reader.h"
 #include "control/path/shapes.h"
 #include "metrics/recorded_trial.h"
 

@@ -1,6 +1,6 @@
 #include "metrics/reach_blocks.h"
 
-#include "base/optional_json.h"
+#include "base/json_reader.h"
 #include "base/statistics.h"
 #include "metrics/recorded_trial.h"
 

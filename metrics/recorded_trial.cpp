@@ -2,7 +2,6 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
-#include "base/optional_json.h"
 #include "base/suggest.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"

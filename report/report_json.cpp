@@ -1,4 +1,4 @@
-#include "base/optional_json.h"
+#include "base/json_reader.h"
 #include "report/course.h"
 
 namespace haptrace {

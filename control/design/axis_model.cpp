@@ -1,10 +1,10 @@
 #include "control/design/axis_model.h"
 
 #include "base/error.h"
+#include "control/design/line_spectrum.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <tuple>
 #include <unsupported/Eigen/MatrixFunctions>
 
@@ -14,8 +14,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double kTwoPi = 2 * std::numbers::pi;
 
 void check(const AxisModel& model) {
   constexpr double kMost = 1e9;

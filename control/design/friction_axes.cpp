@@ -1,6 +1,7 @@
 #include "control/design/friction_axes.h"
 
 #include "control/design/dense.h"
+#include "control/design/line_spectrum.h"
 #include "control/design/nelder_mead.h"
 #include "control/feedforward.h"
 #include "control/rotation.h"
@@ -20,7 +21,6 @@ using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 
-constexpr double kInterval = 1.96;      // standard deviations of a 95 % interval
 constexpr double kMostLeft = 0.9;       // of the squared force that friction along the axes of W leaves unexplained
 constexpr double kLeastCertain = 0.35;  // largest half width of the interval of the rotation [rad]
 
@@ -203,8 +203,8 @@ std::optional<ActuatorFriction> find_friction_axes(std::span<const SlidingRows> 
       ++count;
     }
   }
-  result.angle_half = kInterval * std::sqrt(variance * (count - 1) / count);
-  result.coulomb_half = kInterval * (variances * (count - 1) / count).cwiseSqrt();
+  result.angle_half = kInterval95 * std::sqrt(variance * (count - 1) / count);
+  result.coulomb_half = kInterval95 * (variances * (count - 1) / count).cwiseSqrt();
   if (!(result.angle_half < std::min(kLeastCertain, angle_of(result.axes)))) return std::nullopt;
   return result;
 }

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 
 namespace haptrace {
@@ -19,9 +18,6 @@ using Eigen::Matrix3cd;
 using Eigen::MatrixXd;
 using Eigen::Vector3cd;
 using Eigen::VectorXd;
-
-constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr double kInterval = 1.96;  // standard deviations of a 95 % interval
 
 // Order of the parameters, three each. All but coupling and lag are logarithms.
 constexpr Index kMass = 0, kCoupling = 3, kViscous = 6, kLag = 9, kHand = 10, kLink = 19, kAll = 28;
@@ -95,7 +91,7 @@ class Fit {
     HandFit fit;
     const MatrixXd covariance = inverse(normal());
     VectorXd half = VectorXd::Zero(kAll);
-    for (Index f = 0; f < frees(); ++f) half[free_[at(f)]] = kInterval * std::sqrt(std::max(covariance(f, f), 0.0));
+    for (Index f = 0; f < frees(); ++f) half[free_[at(f)]] = kInterval95 * std::sqrt(std::max(covariance(f, f), 0.0));
     HeldModel &held = fit.held, &width = fit.half_width;
     held.delay = delay_;
     held.lag = theta_[kLag];

@@ -22,9 +22,6 @@ using Complex = std::complex<double>;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr double kInterval = 1.96;  // standard deviations of a 95 % interval
-
 // Model errors that the fit cannot see as noise: friction that changes sides under the excitation signal, and actuators
 // that hardly move. Each is twice the standard deviation of the error over random simulated devices, as a fraction.
 constexpr double kMassLeftOut = 0.04;
@@ -292,7 +289,7 @@ class MobilityFit {
     const MatrixXd j = slopes(theta);
     const Eigen::Matrix2d spread = variance * Eigen::Matrix2d(transposed_product(j, j)).inverse();
     result.delay = std::max(theta.sum(), 0.0);
-    result.delay_half = std::hypot(kInterval * std::sqrt(std::max(spread.sum(), 0.0)), kDelayLeftOut);
+    result.delay_half = std::hypot(kInterval95 * std::sqrt(std::max(spread.sum(), 0.0)), kDelayLeftOut);
 
     MatrixXd regressors;
     VectorXd response;
@@ -315,7 +312,8 @@ class MobilityFit {
       const double deviation = std::sqrt(variance * covariance(i, i) + leaning.dot(spread * leaning));
       for (Eigen::Index k = 0; k < axes(); ++k) result.mobility(axis, axes_[static_cast<std::size_t>(k)]) = solution[k];
       result.mass[axis] = mobility > 0 ? 1 / mobility : 0;
-      result.mass_half[axis] = mobility > 0 ? std::hypot(kInterval * deviation / mobility, kMassLeftOut) / mobility : 0;
+      result.mass_half[axis] =
+          mobility > 0 ? std::hypot(kInterval95 * deviation / mobility, kMassLeftOut) / mobility : 0;
       const VectorXd rest = response - product(regressors, solution);
       for (std::size_t l = 0; l < spectrum_.lines.size(); ++l) {
         const LineResponse& line = spectrum_.lines[l];
@@ -525,7 +523,7 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     forces += blocks[b].columns.col(kColumns).squaredNorm();
     rows += static_cast<double>(blocks[b].columns.rows());
   }
-  const Eigen::Matrix<double, kColumns, 1> half = kInterval * variance.cwiseSqrt();
+  const Eigen::Matrix<double, kColumns, 1> half = kInterval95 * variance.cwiseSqrt();
   fit.residual = std::sqrt(squares / rows);
   fit.unexplained = forces > 0 ? std::sqrt(squares / forces) : 1;
   fit.coulomb = std::max(beta[kSign], 0.0);
@@ -543,10 +541,10 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   }
   const auto stretches = static_cast<double>(parts.size());
   fit.gravity = -sum / stretches;
-  fit.gravity_half = stretches > 1
-                         ? kInterval * std::sqrt(std::max(0.0, sum_of_squares / stretches - fit.gravity * fit.gravity) /
-                                                 (stretches - 1))
-                         : fit.residual;
+  fit.gravity_half =
+      stretches > 1 ? kInterval95 * std::sqrt(std::max(0.0, sum_of_squares / stretches - fit.gravity * fit.gravity) /
+                                              (stretches - 1))
+                    : fit.residual;
   return fit;
 }
 
@@ -691,7 +689,7 @@ class CoarseFit {
       const auto count = static_cast<double>(own.size());
       for (std::size_t left = 0; left < own.size(); ++left)
         variance += (sum(own, left).normal.solve() - beta).cwiseAbs2() * (count - 1) / count;
-      const Beta half = kInterval * variance.cwiseSqrt();
+      const Beta half = kInterval95 * variance.cwiseSqrt();
       const auto i = static_cast<Eigen::Index>(axis);
       result.mass[i] = std::max(beta[kAcceleration], 0.0);
       result.mass_half[i] = std::hypot(half[kAcceleration], kCoarseMassLeftOut * result.mass[i]);
@@ -702,7 +700,7 @@ class CoarseFit {
     double variance = 0;
     for (std::size_t left = 0; left < most; ++left)
       variance += std::pow(delay(left) - result.delay, 2) * static_cast<double>(most - 1) / static_cast<double>(most);
-    result.delay_half = std::hypot(kInterval * std::sqrt(variance), 0.5 * kDelayStep);
+    result.delay_half = std::hypot(kInterval95 * std::sqrt(variance), 0.5 * kDelayStep);
     result.residual = std::sqrt(unexplained(best, kNone));
     return result;
   }

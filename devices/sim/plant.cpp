@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "control/norm.h"
+#include "control/rotation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -24,12 +25,6 @@ constexpr double kPartOfLimit = 0.8;
 constexpr double kShortestStep = 1e-9;  // [s]
 constexpr std::size_t kStepsKnown = 4;  // the delay and the hand's decisions divide a period
 
-Eigen::Matrix3d rotation_matrix(const Vec3& vector) {
-  const double angle = vector.norm();
-  if (angle == 0) return Eigen::Matrix3d::Identity();
-  return Eigen::AngleAxisd(angle, vector / angle).toRotationMatrix();
-}
-
 /// Returns a spring's stretch beyond a backlash of `half` on each side.
 Vec3 beyond_play(const Vec3& stretch, double half) {
   return stretch - stretch.cwiseMax(-half).cwiseMin(half);
@@ -38,7 +33,9 @@ Vec3 beyond_play(const Vec3& stretch, double half) {
 }  // namespace
 
 Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double longest_step, Integrator integrator)
-    : rotation_(rotation_matrix(spec.rotation)), integrator_(integrator), structure_(spec.structural_mode.has_value()) {
+    : rotation_(quaternion(spec.rotation).toRotationMatrix()),
+      integrator_(integrator),
+      structure_(spec.structural_mode.has_value()) {
   Vec3 moving = Vec3::Zero();
   for (int axis = 0; axis < 3; ++axis) moving[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
   const Vec3 start_a = rotation_ * start.cwiseProduct(moving);

@@ -141,22 +141,11 @@ void check_directions(const JsonReader& reader, const ReachTask& task) {
 
 /// Reads the line of the moving target, and its sines.
 void read_track(JsonReader& reader, ReachTask& task) {
-  const Vec3 axis = reader.vector("axis", plane_axes(task.plane).first, -1, 1);
-  if (!(axis.norm() > kShortestWay)) throw input_error(reader.where() + ".axis: has no length, so it is no direction");
+  const Vec3 axis = reader.direction("axis", plane_axes(task.plane).first);
   const double amplitude = reader.number("amplitude", 0.04, kShortestWay, 1);
-  task.targets = {task.start + amplitude * axis.normalized()};
-  task.track.frequency = {0.1, 0.17, 0.31, 0.53, 0.79};
-  if (reader.has("frequencies")) {
-    const json value = reader.value("frequencies");
-    const bool list = value.is_array() && !value.empty() && value.size() <= kMostSines &&
-                      std::all_of(value.begin(), value.end(), [](const json& f) {
-                        return f.is_number() && f.get<double>() >= kSlowestSine && f.get<double>() <= kFastestSine;
-                      });
-    if (!list)
-      throw input_error(fmt::format("{}.frequencies: must be a list of 1 to {} numbers from {:g} to {:g} Hz",
-                                    reader.where(), kMostSines, kSlowestSine, kFastestSine));
-    task.track.frequency = value.get<std::vector<double>>();
-  }
+  task.targets = {task.start + amplitude * axis};
+  task.track.frequency =
+      reader.numbers("frequencies", {0.1, 0.17, 0.31, 0.53, 0.79}, kMostSines, kSlowestSine, kFastestSine);
   double sum = 0;
   for (const double f : task.track.frequency) sum += 2 * std::numbers::pi * f;
   if (const double fastest = amplitude * sum / static_cast<double>(task.track.frequency.size());
@@ -372,15 +361,8 @@ void read_goal(JsonReader& reader, ReachTrial& trial) {
     trial.workspace = {.min = Vec3(corners[0].data()), .max = Vec3(corners[1].data())};
   }
   if (std::optional<JsonReader> track = reader.object("track")) {
-    const auto list = [&](const char* key) {
-      const json value = track->require(key).value(key);
-      if (!value.is_array() || value.empty() || value.size() > kMostSines ||
-          !std::all_of(value.begin(), value.end(), [](const json& number) { return number.is_number(); }))
-        throw input_error(fmt::format("{}.{}: must be a list of 1 to {} numbers", track->where(), key, kMostSines));
-      return value.get<std::vector<double>>();
-    };
-    trial.track = {.frequency = list("frequencies_hz"),
-                   .phase = list("phases_rad"),
+    trial.track = {.frequency = track->require("frequencies_hz").numbers("frequencies_hz", {}, kMostSines),
+                   .phase = track->require("phases_rad").numbers("phases_rad", {}, kMostSines),
                    .discard = track->number("discard_s", trial.track.discard, 0, 3600)};
     track->finish();
     if (trial.track.frequency.size() != trial.track.phase.size())

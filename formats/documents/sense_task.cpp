@@ -17,9 +17,14 @@ constexpr double kFarthest = 10;                                  // [m]
 constexpr double kLeastDifference = 1e-4, kMostDifference = 0.2;  // [m]
 constexpr std::size_t kMostDifferences = 20;
 
+/// Returns the duration of the movement to a place and back [s].
+double visit(const SenseTask& task) {
+  return 2 * task.move + task.stay;
+}
+
 /// Returns the begin of a movement to a place, since the first one began [s].
 double begin_of(const SenseTask& task, int place) {
-  return place * (2 * task.move + task.stay + SenseTask::kPause);
+  return place * (visit(task) + SenseTask::kPause);
 }
 
 }  // namespace
@@ -31,28 +36,20 @@ std::vector<double> SenseTask::pairs() const {
   return all;
 }
 
+double SenseTask::duration() const noexcept {
+  return begin_of(*this, 1) + visit(*this);
+}
+
 SenseTask read_sense_task(JsonReader reader) {
   SenseTask task;
   task.start = reader.vector("start", task.start, -kFarthest, kFarthest);
-  const Vec3 axis = reader.vector("axis", task.axis, -1, 1);
-  if (!(axis.norm() > 1e-3)) throw input_error(reader.where() + ".axis: has no length, so it is no direction");
-  task.axis = axis.normalized();
+  task.axis = reader.direction("axis", task.axis);
   task.reference = reader.number("reference", task.reference, 1e-3, 1);
-  if (reader.has("differences")) {
-    const json value = reader.value("differences");
-    const bool list =
-        value.is_array() && !value.empty() && value.size() <= kMostDifferences &&
-        std::all_of(value.begin(), value.end(), [](const json& d) {
-          return d.is_number() && d.get<double>() >= kLeastDifference && d.get<double>() <= kMostDifference;
-        });
-    if (!list)
-      throw input_error(fmt::format("{}.differences: must be a list of 1 to {} numbers from {:g} to {:g} m",
-                                    reader.where(), kMostDifferences, kLeastDifference, kMostDifference));
-    task.differences = value.get<std::vector<double>>();
-    std::sort(task.differences.begin(), task.differences.end());
-    if (std::adjacent_find(task.differences.begin(), task.differences.end()) != task.differences.end())
-      throw input_error(reader.where() + ".differences: the same number is there twice; `tries` repeats them all");
-  }
+  task.differences =
+      reader.numbers("differences", task.differences, kMostDifferences, kLeastDifference, kMostDifference);
+  std::sort(task.differences.begin(), task.differences.end());
+  if (std::adjacent_find(task.differences.begin(), task.differences.end()) != task.differences.end())
+    throw input_error(reader.where() + ".differences: the same number is there twice; `tries` repeats them all");
   task.tries = reader.integer("tries", task.tries, 2, 1000);
   if (task.tries % 2 != 0)
     throw input_error(fmt::format("{}.tries: is {}; it must be even, so that each order of the places comes as often",
@@ -88,8 +85,7 @@ Path path_of_pair(const SenseTask& task, int pair) {
     return (later ? second : first) * (there - returned);
   };
   Path path{.name = fmt::format("pair {}", pair + 1)};
-  const double end = begin_of(task, 1) + 2 * task.move + task.stay;
-  for (int i = 0; i * kStep <= end + 0.5 * kStep; ++i) {
+  for (int i = 0; i * kStep <= task.duration() + 0.5 * kStep; ++i) {
     path.time.push_back(i * kStep);
     path.position.push_back(task.start + along(i * kStep) * task.axis);
   }
@@ -119,10 +115,9 @@ SensePair sense_pair_from(JsonReader reader) {
   pair.axis = reader.require("axis").vector("axis", pair.axis);
   pair.difference = reader.require("difference_m").number("difference_m", 0, -kFarthest, kFarthest);
   for (const auto& [key, window] : {std::pair("first_s", &pair.first), std::pair("second_s", &pair.second)}) {
-    const json value = reader.require(key).value(key);
-    if (!value.is_array() || value.size() != 2 || !value[0].is_number() || !value[1].is_number())
-      throw input_error(fmt::format("{}.{}: must be begin and end [s]", reader.where(), key));
-    *window = {value[0].get<double>(), value[1].get<double>()};
+    const std::vector<double> ends = reader.require(key).numbers(key, {}, 2);
+    if (ends.size() != 2) throw input_error(fmt::format("{}.{}: must be begin and end [s]", reader.where(), key));
+    *window = {ends[0], ends[1]};
   }
   reader.finish();
   return pair;

@@ -28,6 +28,8 @@ struct SenseTask {
   [[nodiscard]] int trials() const noexcept { return tries * static_cast<int>(differences.size()); }
   /// Returns 2 n differences, of the second place less the first one [m]: n negative ones, then n positive ones.
   [[nodiscard]] std::vector<double> pairs() const;
+  /// Returns the duration of the movement of a pair [s].
+  [[nodiscard]] double duration() const noexcept;
 };
 
 /// Reads the object `sense` of an exercise. Throws Error(input) naming the key.

@@ -16,15 +16,12 @@
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
-#include <numbers>
 #include <optional>
 #include <span>
 #include <utility>
 
 namespace haptrace {
 namespace {
-
-constexpr double kTwoPi = 2 * std::numbers::pi;
 
 constexpr double kPeriod = 1.5;    // period of the excitation signal [s]
 constexpr double kLongPeriod = 2;  // period at low loop rates, which leave fewer lines per period [s]
@@ -706,18 +703,23 @@ std::string reason_of(const CalibrationController& controller, const SessionResu
   return session.servo.detail;
 }
 
+/// Returns the radius of the circle on which laws are tried [m].
+double trial_radius(const CalibrationPlan& plan) {
+  double radius = kSwingSize * kLargestReach;
+  for (int axis = 0; axis < 3; ++axis)
+    if (plan.axes[static_cast<std::size_t>(axis)]) radius = std::min(radius, kSwingSize * plan.reach[axis]);
+  return radius;
+}
+
 /// Finds a design for a coarse model under which the device is stable.
 void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
                  const Progress& progress, CalibrationResult& result) {
   constexpr std::array kBandwidths{1.0, 0.7, 0.5, 0.35};
   LawTrialOptions options{.centre = plan.centre,
-                          .radius = kSwingSize * kLargestReach,
+                          .radius = trial_radius(plan),
                           .speed = plan.max_speed,
                           .max_deviation = plan.max_deviation,
                           .session = session};
-  for (int axis = 0; axis < 3; ++axis)
-    if (plan.axes[static_cast<std::size_t>(axis)])
-      options.radius = std::min(options.radius, kSwingSize * plan.reach[axis]);
   // The speed on the circle, including its vertical movement at twice the frequency, stays within what the force
   // allows.
   const double acceleration = kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
@@ -765,15 +767,13 @@ bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
   constexpr double kMostRipple = 0.04;  // share of the largest force
   constexpr double kStiffMargin = 1.2;  // of stiff PD control on the free device
   WorkspaceTour tour{.places = {plan.centre},
-                     .radius = kSwingSize * kLargestReach,
+                     .radius = trial_radius(plan),
                      .speed = plan.max_speed,
                      .max_deviation = plan.max_deviation,
                      .session = options.session};
   const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
   for (const ExperimentPlace& place : places)
     if (std::ranges::find(farthest, place.position) != farthest.end()) tour.places.push_back(place.position);
-  for (int axis = 0; axis < 3; ++axis)
-    if (plan.axes[static_cast<std::size_t>(axis)]) tour.radius = std::min(tour.radius, kSwingSize * plan.reach[axis]);
   tour.session.loop.limits.max_force = plan.max_force;
   const auto ended = [&](const TourResult& toured) {
     const StopCause cause = toured.session.servo.cause;

@@ -130,9 +130,8 @@ double expected_time(const Exercise& exercise, const Path& path) {
     return before + kReaction + movement + task.target_hold + exercise.hold;
   }
   if (exercise.sense) {
-    const SenseTask& task = *exercise.sense;
     constexpr double kAnswer = 2, kBefore = 0.5;  // [s]
-    return kBefore + 4 * task.move + 2 * task.stay + SenseTask::kPause + exercise.hold + kAnswer;
+    return kBefore + exercise.sense->duration() + exercise.hold + kAnswer;
   }
   const bool has_pace = exercise.mode == ExerciseMode::passive || exercise.mode == ExerciseMode::assisted ||
                         exercise.mode == ExerciseMode::cursor;

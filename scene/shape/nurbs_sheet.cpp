@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 namespace haptrace {
@@ -290,6 +291,33 @@ void NurbsSheet::join_edges() {
   }
 }
 
+namespace {
+
+/// Where the edge of a patch meets its neighbour.
+struct Seam {
+  const SheetPatch& other;
+  std::size_t part;  ///< of the other patch
+  Vec3 along;        ///< unit vector
+  Vec2 here, there;  ///< its middle, in both patches
+};
+
+std::optional<Seam> seam_at(const std::vector<SheetPatch>& patches, const SheetPatch& patch, std::size_t part) {
+  const SheetJoin& join = patch.joins[part];
+  if (join.patch == SheetJoin::kOpen) return std::nullopt;
+  const EdgePart edge = part_of(patch, part);
+  return Seam{.other = patches[join.patch],
+              .part = join.part,
+              .along = (point_of(patch, edge.to) - point_of(patch, edge.from)).stableNormalized(),
+              .here = 0.5 * (edge.from + edge.to),
+              .there = 0.5 * (join.from + join.to)};
+}
+
+Vec3 normal_at(const SheetPatch& patch, const Vec2& at) {
+  return patch.normal(at, patch.surface.jet(at.x(), at.y()));
+}
+
+}  // namespace
+
 void NurbsSheet::orient(bool flip, const std::string& name) {
   // Two patches agree if the edge between them runs in opposite directions round them.
   std::vector<int> turn(patches_.size(), 0);  // 0: not known
@@ -304,25 +332,21 @@ void NurbsSheet::orient(bool flip, const std::string& name) {
       front.pop_back();
       const SheetPatch& patch = patches_[p];
       for (std::size_t k = 0; k < patch.joins.size(); ++k) {
-        const SheetJoin& join = patch.joins[k];
-        if (join.patch == SheetJoin::kOpen) continue;
-        const EdgePart part = part_of(patch, k);
-        const Vec3 along = (point_of(patch, part.to) - point_of(patch, part.from)).stableNormalized();
-        const Vec2 here = 0.5 * (part.from + part.to), there = 0.5 * (join.from + join.to);
-        const SheetPatch& other = patches_[join.patch];
-        const Vec3 own =
-            inward_of(patch, k, here, along).cross(patch.normal(here, patch.surface.jet(here.x(), here.y())));
-        const Vec3 its = inward_of(other, join.part, there, along)
-                             .cross(other.normal(there, other.surface.jet(there.x(), there.y())));
+        const std::optional<Seam> seam = seam_at(patches_, patch, k);
+        if (!seam) continue;
+        const Vec3 own = inward_of(patch, k, seam->here, seam->along).cross(normal_at(patch, seam->here));
+        const Vec3 its =
+            inward_of(seam->other, seam->part, seam->there, seam->along).cross(normal_at(seam->other, seam->there));
         const double same = own.dot(its);
         if (std::abs(same) < 0.5) continue;  // too short to tell
         const int wanted = same < 0 ? turn[p] : -turn[p];
-        if (turn[join.patch] == 0) {
-          turn[join.patch] = wanted;
+        const std::uint32_t neighbour = patch.joins[k].patch;
+        if (turn[neighbour] == 0) {
+          turn[neighbour] = wanted;
           turned += wanted < 0 ? 1 : 0;
-          front.push_back(join.patch);
-        } else if (turn[join.patch] != wanted) {
-          const Vec3 at = point_of(patch, here);
+          front.push_back(neighbour);
+        } else if (turn[neighbour] != wanted) {
+          const Vec3 at = point_of(patch, seam->here);
           throw input_error(
               fmt::format("{}: near ({:.4g}, {:.4g}, {:.4g}) m the patches form a surface with only one side, "
                           "like a Moebius strip, which has no outside",
@@ -340,15 +364,10 @@ void NurbsSheet::orient(bool flip, const std::string& name) {
 void NurbsSheet::find_valleys() {
   for (const SheetPatch& patch : patches_)
     for (std::size_t k = 0; k < patch.joins.size(); ++k) {
-      const SheetJoin& join = patch.joins[k];
-      if (join.patch == SheetJoin::kOpen) continue;
-      const EdgePart part = part_of(patch, k);
-      const Vec3 along = (point_of(patch, part.to) - point_of(patch, part.from)).stableNormalized();
-      const Vec2 here = 0.5 * (part.from + part.to), there = 0.5 * (join.from + join.to);
-      const SheetPatch& other = patches_[join.patch];
-      const double sine =
-          other.normal(there, other.surface.jet(there.x(), there.y())).dot(inward_of(patch, k, here, along));
-      if (sine > kValley && sine > valley_.sine) valley_ = {sine, point_of(patch, here)};
+      const std::optional<Seam> seam = seam_at(patches_, patch, k);
+      if (!seam) continue;
+      const double sine = normal_at(seam->other, seam->there).dot(inward_of(patch, k, seam->here, seam->along));
+      if (sine > kValley && sine > valley_.sine) valley_ = {sine, point_of(patch, seam->here)};
     }
 }
 

@@ -1,5 +1,6 @@
 #include "studies/trade/stand_in.h"
 
+#include "control/design/line_spectrum.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
@@ -11,7 +12,6 @@ namespace haptrace {
 namespace {
 
 constexpr std::uint64_t kStandInStream = 77;  // random stream of the draws, separate from the device's noise
-constexpr double kIntervalDeviations = 1.96;  // standard deviations in half of a 95 % interval
 constexpr double kFarthestDraw = 2;           // standard deviations
 constexpr double kLeastShare = 0.5;           // smallest share of a parameter that remains
 constexpr double kBristle = 8e-5;             // presliding distance of measured mechanisms [m]
@@ -20,8 +20,7 @@ constexpr double kBristle = 8e-5;             // presliding distance of measured
 double drawn(double value, double half_width, Gaussian& noise) {
   const double deviations = std::clamp(noise(), -kFarthestDraw, kFarthestDraw);
   if (!(half_width > 0 && value > 0)) return value;
-  return std::clamp(value + deviations * half_width / kIntervalDeviations, kLeastShare * value,
-                    (2 - kLeastShare) * value);
+  return std::clamp(value + deviations * half_width / kInterval95, kLeastShare * value, (2 - kLeastShare) * value);
 }
 
 HandSpec relaxed_hand() {

@@ -16,7 +16,6 @@ namespace haptrace {
 namespace {
 
 constexpr double kRate = 1000;
-constexpr double kTwoPi = 2 * std::numbers::pi;
 
 /// A simulated device of known parameters in closed loop, and the rows of an experiment with it.
 struct Bench {
