@@ -109,29 +109,44 @@ nlohmann::json to_json(const AssessmentSummary& summary) {
   return json;
 }
 
-std::vector<std::string> describe(const AssessmentSummary& summary) {
-  if (summary.trials == 0) return {"no trial with a metric"};
+std::vector<NamedResult> results_of(const AssessmentSummary& summary) {
   const auto text = [](const std::optional<double>& value, double scale, int digits, const char* unit) {
     return value ? fmt::format("{:.{}f}{}", scale * *value, digits, unit) : std::string("undefined");
   };
   if (summary.goal == ReachGoal::track)
-    return {fmt::format("{} trial{}: rms error {}, gain {}, delay {}", summary.trials, summary.trials == 1 ? "" : "s",
-                        text(summary.rms, 1e3, 1, " mm"), text(summary.gain, 1, 2, ""),
-                        text(summary.delay, 1e3, 0, " ms"))};
-  std::vector<std::string> lines;
+    return {{"rms error", text(summary.rms, 1e3, 1, " mm")},
+            {"gain", text(summary.gain, 1, 2, "")},
+            {"delay", text(summary.delay, 1e3, 0, " ms")}};
+  std::vector<NamedResult> results;
   const bool range = summary.goal == ReachGoal::range;
   for (std::size_t i = 0; i < summary.directions.size(); ++i) {
     const DirectionSummary& one = summary.directions[i];
-    lines.push_back(fmt::format("direction {} ({}): {}{}, best of {}", i + 1, angle_in_words(one.angle),
-                                one.at_limit ? ">= " : "",
-                                range ? text(one.best, 1e3, 1, " mm") : text(one.best, 1, 2, " N"), one.tries));
+    results.push_back(
+        {fmt::format("direction {} ({})", i + 1, angle_in_words(one.angle)),
+         (one.at_limit ? ">= " : "") + (range ? text(one.best, 1e3, 1, " mm") : text(one.best, 1, 2, " N"))});
   }
   if (summary.area)
-    lines.push_back(
-        fmt::format("area within these places: {}{:.1f} cm2", summary.at_limit() ? ">= " : "", 1e4 * *summary.area));
+    results.push_back(
+        {"area within these places", (summary.at_limit() ? ">= " : "") + text(summary.area, 1e4, 1, " cm2")});
+  return results;
+}
+
+std::vector<std::string> describe(const AssessmentSummary& summary) {
+  if (summary.trials == 0) return {"no trial with a metric"};
+  const std::vector<NamedResult> results = results_of(summary);
+  std::vector<std::string> lines;
+  if (summary.goal == ReachGoal::track) {
+    for (const NamedResult& one : results) lines.push_back(fmt::format("{} {}", one.name, one.value));
+    return {fmt::format("{} trial{}: {}", summary.trials, summary.trials == 1 ? "" : "s", fmt::join(lines, ", "))};
+  }
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    lines.push_back(fmt::format("{}: {}", results[i].name, results[i].value));
+    if (i < summary.directions.size()) lines.back() += fmt::format(", best of {}", summary.directions[i].tries);
+  }
   if (summary.at_limit())
-    lines.emplace_back(range ? ">=: the device ends there, and the person may come farther"
-                             : ">=: the device had no more force, or gave way; the person may be stronger");
+    lines.emplace_back(summary.goal == ReachGoal::range
+                           ? ">=: the device ends there, and the person may come farther"
+                           : ">=: the device had no more force, or gave way; the person may be stronger");
   return lines;
 }
 

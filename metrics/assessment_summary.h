@@ -2,6 +2,7 @@
 #pragma once
 
 #include "formats/documents/session_log.h"
+#include "metrics/named_result.h"
 
 #include <cstddef>
 #include <nlohmann/json.hpp>
@@ -39,7 +40,10 @@ std::optional<AssessmentSummary> summarise_assessment(const Programme& programme
 
 nlohmann::json to_json(const AssessmentSummary& summary);
 
-/// Returns lines for users: "24 trials", "direction 3: >= 81.2 mm (best of 3)".
+/// Returns all results.
+std::vector<NamedResult> results_of(const AssessmentSummary& summary);
+
+/// Returns lines for users: the results and the number of tries.
 std::vector<std::string> describe(const AssessmentSummary& summary);
 
 }  // namespace haptrace

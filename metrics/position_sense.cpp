@@ -127,6 +127,14 @@ nlohmann::json to_json(const SenseSummary& summary) {
           {"slope_per_m", of_fit(&SenseFit::slope)}};
 }
 
+std::vector<NamedResult> results_of(const SenseSummary& summary) {
+  if (!summary.fit) return {{"threshold", "undefined"}, {"bias", "undefined"}};
+  const SenseFit& fit = *summary.fit;
+  return {{"threshold", fmt::format("{:.1f} mm (95 % interval {:.1f} to {:.1f} mm)", 1e3 * fit.threshold, 1e3 * fit.low,
+                                    1e3 * fit.high)},
+          {"bias", fmt::format("{:.1f} mm", 1e3 * fit.bias)}};
+}
+
 std::string describe(const SenseSummary& summary) {
   // Few answers would tell those who gave them which were right.
   const bool enough = summary.answers >= SenseFit::kLeastAnswers;
@@ -137,10 +145,10 @@ std::string describe(const SenseSummary& summary) {
   if (summary.unanswered > 0) text += fmt::format(", {} without an answer", summary.unanswered);
   if (summary.refused > 0)
     text += fmt::format(", {} left out, in which the hand did not let the device lead it", summary.refused);
-  if (summary.fit)
-    return text + fmt::format(": threshold {:.1f} mm (95 % interval {:.1f} to {:.1f} mm), bias {:.1f} mm",
-                              1e3 * summary.fit->threshold, 1e3 * summary.fit->low, 1e3 * summary.fit->high,
-                              1e3 * summary.fit->bias);
+  if (summary.fit) {
+    const std::vector<NamedResult> results = results_of(summary);
+    return text + fmt::format(": {} {}, {} {}", results[0].name, results[0].value, results[1].name, results[1].value);
+  }
   if (!enough) return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
   constexpr double kTold = 70, kOther = 40;  // [%]
   return text + (right > kTold    ? ": the threshold is below the differences; choose smaller ones"

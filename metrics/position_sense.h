@@ -2,11 +2,13 @@
 #pragma once
 
 #include "formats/documents/session_log.h"
+#include "metrics/named_result.h"
 
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace haptrace {
 
@@ -49,6 +51,9 @@ struct SenseSummary {
 std::optional<SenseSummary> summarise_sense(const Programme& programme, std::size_t i, const SessionLog& log);
 
 nlohmann::json to_json(const SenseSummary& summary);
+
+/// Returns threshold and bias.
+std::vector<NamedResult> results_of(const SenseSummary& summary);
 
 /// Returns one line for users: "120 answers, 78 % right: threshold 4.1 mm, bias 0.3 mm".
 std::string describe(const SenseSummary& summary);

@@ -184,7 +184,7 @@ std::string obstacle(const Report& report, const ReportCourse::Point& from, cons
     if (meta_of(a, key) != meta_of(b, key)) return "the side changed";
   if (assistance_changed(exercise_of(report, from), exercise_of(report, to))) return "the assistance changed";
   if (exercise_of(report, from).reach != exercise_of(report, to).reach)
-    return "the force field, the clamp or the blocks changed";
+    return exercise_of(report, to).sense ? "the places changed" : "the force field, the clamp or the blocks changed";
   return "";
 }
 

@@ -81,6 +81,46 @@ void add_sessions(xml_node parent, const Report& report, const ReportPerson& per
   }
 }
 
+/// Returns the results of an assessment; none of other exercises.
+std::vector<NamedResult> results_of(const ReportExercise& exercise) {
+  if (exercise.sense) return haptrace::results_of(*exercise.sense);
+  return exercise.assessment ? haptrace::results_of(*exercise.assessment) : std::vector<NamedResult>();
+}
+
+/// Adds the results of an assessment, one column for each session.
+void add_results(xml_node parent, const Report& report, const ReportPerson& person, const ReportCourse& course) {
+  std::vector<std::string> names;  // of all sessions: an area needs three directions
+  for (const ReportCourse::Point& point : course.points)
+    for (const NamedResult& one : results_of(exercise_of(report, point)))
+      if (std::ranges::find(names, one.name) == names.end()) names.push_back(one.name);
+  if (names.empty()) return;
+  Table table(parent,
+              fmt::format("{}: results, one for each session. Their error between sessions is not known: two sessions "
+                          "differ by chance as well.",
+                          person.name),
+              names.size());
+  table.column("Result");
+  for (const ReportCourse::Point& point : course.points) {
+    const std::string why = obstacle(report, course.points.front(), point);
+    table.column(local_minute(report.sessions[point.session].created) +
+                     (why.empty() ? "" : fmt::format(" (not comparable with the first: {})", why)),
+                 true);
+  }
+  for (const std::string& name : names) {
+    table.row(name);
+    for (const ReportCourse::Point& point : course.points) {
+      const std::vector<NamedResult> results = results_of(exercise_of(report, point));
+      const auto found = std::ranges::find(results, name, &NamedResult::name);
+      if (found == results.end() || found->value == "undefined")
+        table.number(kUndefined);
+      else if (found->value.starts_with(">="))
+        table.number("\u2265" + found->value.substr(2));
+      else
+        table.number(with_minus(found->value));
+    }
+  }
+}
+
 void add_exploratory(xml_node parent, const Report& report, const ReportCourse& course, std::size_t primary) {
   std::vector<std::size_t> others;
   for (std::size_t i = 0; i < all_trial_figures().size(); ++i)
@@ -141,7 +181,7 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
                 const char* heading) {
   const ReportExercise& last = exercise_of(report, course.points.back());
   const std::optional<std::size_t> primary = primary_figure(report, course);
-  if (!primary) return;
+  if (!primary && results_of(last).empty()) return;
   // The name of a recording without a title is that of its file, which says nothing about several of them.
   const std::string name = last.task || last.path.empty() ? last.name : last.path;
   add(parent, heading, fmt::format("Over sessions: {}{}", name, last.test.empty() ? "" : " (" + last.test + ")"));
@@ -152,6 +192,8 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
                    "without forces show that, above all a day or more later."
                  : "These repetitions had no guidance."),
       "class", "about");
+  add_results(parent, report, person, course);
+  if (!primary) return;
   xml_node charts = parent.append_child("div");
   set(charts, "class", "charts");
   add_course_chart(charts, report, course, *primary);

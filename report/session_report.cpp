@@ -463,6 +463,12 @@ void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exerc
   if (exercise.progression && exercise.progression->difficulty) trial.level = settings.level;
 }
 
+/// Returns a text that is the same for tests of position sense that compare.
+std::string key_of(const SenseTask& task) {
+  return fmt::format("{:g} m; {:g} s; {:g} s; ({:.4g}, {:.4g}, {:.4g})", task.reference, task.move, task.stay,
+                     task.axis.x(), task.axis.y(), task.axis.z());
+}
+
 /// Returns a text that is the same for tasks with a cue that compare: field, clamp, blocks, and what sets their
 /// metrics.
 std::string key_of(const ReachTask& task) {
@@ -518,6 +524,7 @@ class SessionReading {
       exercise.assessment = summarise_assessment(programme_, i, log_);
       exercise.sense = summarise_sense(programme_, i, log_);
       if (asked.reach) exercise.reach = key_of(*asked.reach);
+      if (asked.sense) exercise.reach = key_of(*asked.sense);
       if (!session_.steered) add_trends(exercise, asked.progression ? asked.progression->figure : "");
     }
     return std::move(session_);

@@ -96,7 +96,7 @@ struct ReportExercise {
   std::vector<ReachBlockSummary> blocks;  ///< of a reaching exercise
   std::optional<AssessmentSummary> assessment;
   std::optional<SenseSummary> sense;
-  std::string reach;  ///< of a mode with a cue: what must not differ between sessions that compare; else empty
+  std::string reach;  ///< of a task by places: what must not differ between sessions that compare; else empty
 
   [[nodiscard]] std::size_t finished() const;
   [[nodiscard]] std::size_t out_of_time() const;

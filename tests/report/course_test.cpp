@@ -10,6 +10,7 @@
 #include <ctime>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <map>
 #include <pugixml.hpp>
 
 namespace haptrace {
@@ -191,6 +192,61 @@ TEST(ReportCourse, HasTheIntervalOfTheFittedChange) {
     residuals +=
         std::pow(1e-3 * (5 + noise[i]) - line.first - (line.last - line.first) * static_cast<double>(i) / 4, 2);
   EXPECT_NEAR(line.half_width / std::sqrt(residuals / 3), 4.0, 0.05);
+}
+
+/// Returns the cells of the results over sessions, by the name of the result.
+std::map<std::string, std::vector<std::string>> results_over_sessions(const Report& report) {
+  pugi::xml_document document;
+  const std::string page = report_page(report);
+  EXPECT_TRUE(document.load_string(page.c_str(), pugi::parse_full));
+  std::map<std::string, std::vector<std::string>> cells;
+  for (const pugi::xpath_node& row :
+       document.select_nodes("//table[caption[contains(., 'results, one for each session')]]/tbody/tr")) {
+    std::vector<std::string>& values = cells[row.node().child("th").text().get()];
+    for (const pugi::xml_node& cell : row.node().children("td")) values.emplace_back(cell.text().get());
+  }
+  return cells;
+}
+
+TEST(ReportCourse, ShowsTheBestOfEveryDirectionForEverySession) {
+  std::vector<ReportSession> sessions;
+  for (int i = 0; i < 3; ++i) {
+    sessions.push_back(session_of(fmt::format("2026-03-{:02}", 2 + i), {1e-3}));
+    ReportExercise& exercise = sessions.back().exercises[0];
+    exercise.mode = "range";
+    exercise.figure = "";
+    exercise.assessment = AssessmentSummary{
+        .goal = ReachGoal::range,
+        .trials = 2,
+        .directions = {{.angle = 0, .tries = 1, .best = 0.05 + 0.01 * i}, {.angle = 90, .tries = 1, .best = {}}},
+        .area = {},
+        .rms = {},
+        .gain = {},
+        .delay = {}};
+  }
+  sessions[1].exercises[0].assessment->directions[0].at_limit = true;
+  sessions[2].exercises[0].reach = "held for longer";
+  const auto cells = results_over_sessions(report_of(sessions));
+  ASSERT_EQ(cells.size(), 2U);
+  EXPECT_EQ(cells.begin()->second, (std::vector<std::string>{"50.0 mm", "\u2265 60.0 mm", "70.0 mm"}));
+  EXPECT_EQ(std::next(cells.begin())->second, (std::vector<std::string>{"\u2013", "\u2013", "\u2013"}));
+  EXPECT_THAT(report_page(report_of(sessions)), HasSubstr("not comparable with the first: "));
+}
+
+TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {
+  std::vector<ReportSession> sessions;
+  for (int i = 0; i < 2; ++i) {
+    sessions.push_back(session_of(fmt::format("2026-03-{:02}", 2 + i), {1e-3}));
+    ReportExercise& exercise = sessions.back().exercises[0];
+    exercise.mode = "sense";
+    exercise.figure = "";
+    exercise.sense = SenseSummary{.answers = 120, .right = 90, .fit = {}};
+  }
+  sessions[1].exercises[0].sense->fit =
+      SenseFit{.threshold = 0.0041, .low = 0.0032, .high = 0.0055, .bias = -0.0003, .slope = 60};
+  const auto cells = results_over_sessions(report_of(sessions));
+  EXPECT_EQ(cells.at("threshold"), (std::vector<std::string>{"\u2013", "4.1 mm (95 % interval 3.2 to 5.5 mm)"}));
+  EXPECT_EQ(cells.at("bias"), (std::vector<std::string>{"\u2013", "\u22120.3 mm"}));
 }
 
 TEST(ReportCourse, KeepsPersonsApartAndNamesThemInEveryRow) {
