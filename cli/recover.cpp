@@ -1,6 +1,6 @@
 #include "cli/read_progress.h"
 #include "cli/verb.h"
-#include "formats/recording/recording_recover.h"
+#include "formats/recording/crash_recovery.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,8 @@
 // Back wall: help along the path for a trainee who does not start, or does not continue.
 #pragma once
 
-#include "control/guidance.h"
 #include "control/guidance_options.h"
+#include "control/guide_term.h"
 #include "control/initiation.h"
 #include "control/path/arc_path.h"
 

@@ -24,11 +24,6 @@ double blend(double dt) {
 constexpr double kUnnoticedStep = 0.2;  // of the walls' force [N]
 constexpr double kWallsReturn = 0.3;    // in which the share of the walls rises from 0 to 1 [s]
 
-/// Returns the depth in the wall [m]; negative within the tunnel.
-double depth(const PathProjection::Foot& foot) {
-  return foot.tube.distance - foot.tube.radius;
-}
-
 /// Returns the foot with the radii in force instead of the path's own.
 PathProjection::Foot tuned(PathProjection::Foot foot, const GuideTuning& tuning) noexcept {
   foot.place.radius = tuning.radius(foot.place.radius);
@@ -46,79 +41,6 @@ const Guidance::Options& checked_guidance(const Guidance::Options& options) {
 }
 
 }  // namespace
-
-Vec3 TunnelWall::force(const GuideInput& input) noexcept {
-  const double w = options_.onset, most = options_.max_force, k = input.tuning.stiffness * options_.stiffness;
-  const double d = depth(input.foot);
-  if (!(d > 0)) return Vec3::Zero();
-  const double f = d < w ? 0.5 * k * d * d / w : k * (d - 0.5 * w);
-  return -std::min(f, most) * input.foot.tube.outwards;
-}
-
-double TunnelWall::stored(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
-  const double w = options_.onset, most = options_.max_force, k = tuning.stiffness * options_.stiffness;
-  const double d = depth(foot);
-  if (!(d > 0) || !(k > 0)) return 0;
-  // Depth at which the force stops growing, in the onset or beyond it.
-  const double full = most < 0.5 * k * w ? std::sqrt(2 * most * w / k) : most / k + 0.5 * w;
-  const double sprung = std::min(d, full);
-  const double elastic =
-      sprung < w ? k * sprung * sprung * sprung / (6 * w) : k * (w * w / 6 + 0.5 * sprung * (sprung - w));
-  return elastic + most * (d - sprung);
-}
-
-Vec3 WallDamping::force(const GuideInput& input) noexcept {
-  const Vec3& outwards = input.foot.tube.outwards;
-  const double d = depth(input.foot), v = input.state.velocity.dot(outwards);
-  if (!(d > 0) || !(v > 0)) return Vec3::Zero();
-  return -input.tuning.damping * damping_ * std::min(d / onset_, 1.0) * v * outwards;
-}
-
-Vec3 ExpertForce::force(const GuideInput& input) noexcept {
-  const PathProjection::Foot& foot = input.foot;
-  returns_ |= input.gate <= 0;
-  if (returns_) {
-    // An expert who rests has no speed to divide by.
-    const double pace = foot.speed > kFastest * foot.expert_speed ? kFastest
-                        : foot.speed > foot.expert_speed          ? foot.speed / foot.expert_speed
-                                                                  : 1;
-    share_ += pace * input.state.dt / kReturn;
-  }
-  if (!returns_ || share_ >= input.gate) {
-    share_ = input.gate;
-    returns_ = input.gate <= 0;
-  }
-  return foot.certainty * share_ * input.tuning.force * scale_ * input.foot.place.force;
-}
-
-double ExpertForce::allowance(const PathProjection::Foot& foot, const GuideTuning& tuning) const noexcept {
-  return std::abs(tuning.force * scale_ * foot.place.force.dot(foot.place.tangent));
-}
-
-Vec3 PaceHelp::force(const GuideInput& input) noexcept {
-  const PathProjection::Foot& foot = input.foot;
-  const double lacking = (1 - options_.margin) * options_.pace * foot.expert_speed - kUnnoticed - foot.speed;
-  if (!(lacking > 0)) return Vec3::Zero();
-  return input.gate * foot.heading_certainty * input.tuning.assist *
-         std::min(options_.gain * lacking, options_.max_force) * foot.place.tangent;
-}
-
-Vec3 Resistance::force(const GuideInput& input) noexcept {
-  const Vec3& tangent = input.foot.place.tangent;
-  return -damping_ * input.state.velocity.dot(tangent) * tangent;
-}
-
-Vec3 ErrorAmplification::force(const GuideInput& input) noexcept {
-  const PathProjection::Tube& tube = input.foot.tube;
-  if (!(tube.distance < tube.radius)) return Vec3::Zero();
-  // Fades to zero over the outer fifth of the tunnel, before the wall begins.
-  const double fading = std::min(5 * (1 - tube.distance / tube.radius), 1.0);
-  return fading * std::min(stiffness_ * tube.distance, max_force_) * tube.outwards;
-}
-
-double largest_wall_stiffness(double rate_hz, double delay, double damping) {
-  return damping / (0.5 / rate_hz + delay);
-}
 
 Guidance::Guidance(GuideTerms terms, const Options& options)
     : terms_(std::move(terms)),

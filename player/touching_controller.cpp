@@ -3,6 +3,7 @@
 #include "control/design/loop_analysis.h"
 #include "devices/device.h"
 #include "player/guidance/guide.h"
+#include "player/passivity_defaults.h"
 
 #include <algorithm>
 #include <cmath>

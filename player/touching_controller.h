@@ -60,6 +60,4 @@ class TouchingController final : public Controller {
 /// That is safe: an overestimated delay overestimates the energy that the loop creates.
 PassivityLayer::Options passivity_for(const std::optional<PlantModel>& plant, double rate_hz, double resolution);
 
-inline constexpr double kUnknownMass = 0.1;  ///< [kg]
-
 }  // namespace haptrace

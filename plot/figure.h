@@ -42,10 +42,6 @@ struct Figure {
 /// one break if the bin has any. A shorter line stays unchanged.
 Series decimate(const Series& series, std::size_t points);
 
-/// Returns round numbers (1, 2 or 5 times a power of ten apart) within [low, high]: at most `most`, and at least two
-/// when `most` allows it. Returns none unless low < high.
-std::vector<double> tick_values(double low, double high, std::size_t most);
-
 /// Throws Error(input) unless the ending of `file` is that of a figure. Callers check the name before a long
 /// computation.
 void check_figure_name(const std::string& file);

@@ -1,6 +1,7 @@
 #include "report/chart.h"
 
 #include "control/path/path.h"
+#include "plot/axis.h"
 #include "plot/figure.h"
 #include "report/local_time.h"
 #include "report/markup.h"
@@ -18,28 +19,10 @@ constexpr double kMm = 1e3;
 constexpr double kLeft = 50, kRight = 14, kTop = 26, kBottom = 44;  // [px]
 constexpr double kWidth = 480, kHeight = 320, kWayHeight = 400;
 
-struct Span {
-  double low = std::numeric_limits<double>::infinity(), high = -std::numeric_limits<double>::infinity();
-
-  void include(double v) {
-    if (!std::isfinite(v)) return;
-    low = std::min(low, v);
-    high = std::max(high, v);
-  }
-  [[nodiscard]] bool empty() const { return !(low <= high); }
-  [[nodiscard]] double size() const { return high - low; }
-
-  /// Returns the span with room at its ends; a constant gets room around it.
-  [[nodiscard]] Span padded(double share) const {
-    const double room = size() > 1e-9 * std::abs(high) ? share * size() : std::max(0.1 * std::abs(high), 1e-3);
-    return {low - room, high + room};
-  }
-};
-
 /// An SVG with a pair of axes.
 class Plot {
  public:
-  Plot(pugi::xml_node figure, const std::string& label, double height, const Span& x, const Span& y)
+  Plot(pugi::xml_node figure, const std::string& label, double height, const Range& x, const Range& y)
       : height_(height), x_(x), y_(y) {
     svg_ = figure.append_child("svg");
     set(svg_, "class", "chart");
@@ -54,18 +37,16 @@ class Plot {
 
   void axes(const std::string& x_label, const std::string& y_label, bool whole_x = false) {
     const double bottom = height_ - kBottom;
-    for (const double v : tick_values(y_.low, y_.high, 6)) {
-      line("grid", kLeft, py(v), kWidth - kRight, py(v));
-      text("tick", kLeft - 7, py(v) + 4, label_of(v, y_, 6), "end");
-    }
-    for (const double v : tick_values(x_.low, x_.high, 8)) {
+    const Axis axis = make_axis(x_, 8, false);
+    for (std::size_t i = 0; i < axis.ticks.size(); ++i) {
+      const double v = axis.ticks[i];
       if (whole_x && v != std::round(v)) continue;
       line("grid", px(v), kTop, px(v), bottom);
-      text("tick", px(v), bottom + 17, whole_x ? fmt::format("{:.0f}", v) : label_of(v, x_, 8), "middle");
+      text("tick", px(v), bottom + 17, whole_x ? fmt::format("{:.0f}", v) : axis.labels[i], "middle");
     }
     line("axis", kLeft, bottom, kWidth - kRight, bottom);
-    text("label", kWidth - kRight, height_ - 8, x_label, "end");
-    text("label", 4, 15, y_label, "start");
+    text("label", kWidth - kRight, height_ - 8, with_exponent(x_label, axis), "end");
+    vertical_axis(y_label);
   }
 
   /// Draws the vertical axis, and these labels below places of the horizontal one. Labels that would overlap are left
@@ -73,10 +54,6 @@ class Plot {
   void dated_axes(const std::vector<std::pair<double, std::string>>& dates, const std::string& y_label) {
     constexpr double kLabelWidth = 92;  // [px]
     const double bottom = height_ - kBottom;
-    for (const double v : tick_values(y_.low, y_.high, 6)) {
-      line("grid", kLeft, py(v), kWidth - kRight, py(v));
-      text("tick", kLeft - 7, py(v) + 4, label_of(v, y_, 6), "end");
-    }
     double free_from = 0;
     for (const auto& [x, date] : dates) {
       line("grid", px(x), kTop, px(x), bottom);
@@ -87,7 +64,7 @@ class Plot {
     }
     line("axis", kLeft, bottom, kWidth - kRight, bottom);
     text("label", kWidth - kRight, height_ - 8, "date", "end");
-    text("label", 4, 15, y_label, "start");
+    vertical_axis(y_label);
   }
 
   /// Draws a vertical bar, in the units of the axes.
@@ -165,16 +142,18 @@ class Plot {
   }
 
  private:
-  static std::string label_of(double value, const Span& span, std::size_t most) {
-    const std::vector<double> ticks = tick_values(span.low, span.high, most);
-    const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : 1;
-    const int digits = std::clamp(static_cast<int>(-std::floor(std::log10(step) + 1e-6)), 0, 9);
-    return with_minus(fmt::format("{:.{}f}", std::abs(value) < 1e-9 * step ? 0.0 : value, digits));
+  void vertical_axis(const std::string& label) {
+    const Axis axis = make_axis(y_, 6, false);
+    for (std::size_t i = 0; i < axis.ticks.size(); ++i) {
+      line("grid", kLeft, py(axis.ticks[i]), kWidth - kRight, py(axis.ticks[i]));
+      text("tick", kLeft - 7, py(axis.ticks[i]) + 4, axis.labels[i], "end");
+    }
+    text("label", 4, 15, with_exponent(label, axis), "start");
   }
 
   pugi::xml_node svg_;
   double height_;
-  Span x_, y_;
+  Range x_, y_;
 };
 
 pugi::xml_node begin_figure(pugi::xml_node parent) {
@@ -304,11 +283,11 @@ std::string repetitions(std::size_t n) {
 
 /// Returns the span of an axis for a metric. A metric that is never negative begins at zero; the axis of a smoothness
 /// covers at least 1. A closer view would enlarge the spread of repetitions until it looked like a change.
-Span calm(const Span& y) {
+Range calm(const Range& y) {
   constexpr double kLeastSpan = 1;
   if (y.low >= 0) return {0, y.high > 0 ? 1.08 * y.high : 1};
   const double missing = std::max(0.0, kLeastSpan - y.size());
-  return Span{y.low - missing / 2, y.high + missing / 2}.padded(0.08);
+  return Range{y.low - missing / 2, y.high + missing / 2}.padded(0.08);
 }
 
 std::string name_of(const ReportTrial& trial) {
@@ -361,7 +340,7 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
                                 (box.size()[plane[1]] + 2 * room + 2 * least) / high);
   const auto span = [&](int axis, double pixels) {
     const double center = kMm * box.center()[axis], half = 0.5 * kMm * metre * pixels;
-    return Span{center - half, center + half};
+    return Range{center - half, center + half};
   };
 
   pugi::xml_node figure = begin_figure(parent);
@@ -395,7 +374,7 @@ void add_way_chart(pugi::xml_node parent, const ReportExercise& exercise) {
 }
 
 void add_deviation_chart(pugi::xml_node parent, const ReportExercise& exercise) {
-  Span x{0, kMm * exercise.path_length}, y{0, 0};
+  Range x{0, kMm * exercise.path_length}, y{0, 0};
   std::size_t lines = 0;
   for (const ReportTrial& trial : exercise.trials) {
     for (const double v : trial.deviation.value) y.include(kMm * v);
@@ -441,7 +420,7 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
   if (cells < 2 || (felt == 0 && exercise.expert_force.empty())) return;
 
   std::vector<double> arc(cells), mean(cells, kNaN), low(cells, kNaN), high(cells, kNaN);
-  Span y{0, 0};
+  Range y{0, 0};
   for (std::size_t i = 0; i < cells; ++i) {
     arc[i] = kMm * exercise.cell * (static_cast<double>(i) + 0.5);
     double n = 0, sum = 0, squares = 0;
@@ -490,7 +469,7 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {
   const TrialFigure& figure_of = all_trial_figures()[trend.figure];
   const std::size_t n = trend.values.size();
-  Span y;
+  Range y;
   std::size_t defined = 0;
   for (const double v : trend.values) {
     y.include(figure_of.scale * v);
@@ -553,7 +532,7 @@ void add_course_chart(pugi::xml_node parent, const Report& report, const ReportC
   const TrialFigure& of = all_trial_figures()[figure];
   std::vector<std::pair<double, std::string>> dates;
   std::vector<ReportSummary> summaries;
-  Span x, y;
+  Range x, y;
   for (const ReportCourse::Point& point : course.points) {
     const ReportSummary summary = summary_of(exercise_of(report, point), figure);
     if (!std::isfinite(point.day)) continue;
@@ -571,7 +550,7 @@ void add_course_chart(pugi::xml_node parent, const Report& report, const ReportC
   y = calm(y);
   constexpr double kLeastDays = 1;  // sessions of one day are in its middle
   const double missing = std::max(0.0, kLeastDays - x.size());
-  x = Span{x.low - missing / 2, x.high + missing / 2}.padded(0.1);
+  x = Range{x.low - missing / 2, x.high + missing / 2}.padded(0.1);
 
   const std::string unit = *of.unit != '\0' ? fmt::format(" ({})", of.unit) : "";
   pugi::xml_node chart = begin_figure(parent);

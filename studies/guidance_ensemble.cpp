@@ -4,6 +4,7 @@
 #include "control/guidance.h"
 #include "control/path/arc_path.h"
 #include "control/ripple.h"
+#include "control/tunnel_wall.h"
 #include "devices/sim/sim_device.h"
 #include "formats/path/path_source.h"
 #include "player/guidance/guidance_controller.h"

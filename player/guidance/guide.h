@@ -66,10 +66,6 @@ struct GuideOptions {
   LiveGuidance* live = nullptr;
 };
 
-/// Assumed delay from the sending of a force to its effect on an uncalibrated device [s]. It is the longest delay of
-/// such devices: walls designed for too short a delay give out energy that no account sees.
-inline constexpr double kUnknownDelay = 5e-3;
-
 /// Returns the largest stiffness of walls that is stable on a device [N/m], see largest_wall_stiffness(): with the
 /// damping of its calibration, or 1 N s/m without one. `delay` [s].
 double largest_stable_stiffness(const std::optional<IdentifiedDevice>& identified, double rate_hz, double delay);

@@ -6,6 +6,7 @@
 #include "player/device_path.h"
 #include "player/guidance/guide.h"
 #include "player/guidance/live_guidance.h"
+#include "player/passivity_defaults.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,9 @@
 // Benchmarks of guidance per tick and of one update of the place, for paths of different lengths: beyond a window, the
 // cost should not depend on the length.
 #include "control/guidance.h"
+#include "control/guide_terms.h"
 #include "control/path/place_tracker.h"
+#include "control/tunnel_wall.h"
 
 #include <algorithm>
 #include <benchmark/benchmark.h>

@@ -7,6 +7,8 @@
 // guidance: wall-damping, expert-force, pace-help, viscosity, resistance, amplification. A session with scene=FILE
 // touches the objects of that file: the tool stands in the middle of the device.
 #include "control/guidance.h"
+#include "control/guide_terms.h"
+#include "control/tunnel_wall.h"
 #include "control/velocity_estimator.h"
 #include "player/guidance/guidance_controller.h"
 #include "player/playback/tracking_metrics.h"

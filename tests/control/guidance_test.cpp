@@ -1,5 +1,7 @@
 #include "control/guidance.h"
 
+#include "control/guide_terms.h"
+#include "control/tunnel_wall.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 

@@ -2,11 +2,13 @@
 #include "control/feedforward.h"
 #include "control/force_guard.h"
 #include "control/guidance.h"
+#include "control/guide_terms.h"
 #include "control/iterative_learning.h"
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/place_tracker.h"
 #include "control/reach_forces.h"
+#include "control/tunnel_wall.h"
 #include "tests/extremes/support.h"
 
 #include <fmt/format.h>

@@ -1,10 +1,12 @@
 // Tests of NaN and infinity at every boundary: zero force, a latched fault, and no filter that retains them.
 #include "control/guidance.h"
+#include "control/guide_terms.h"
 #include "control/hand_watch.h"
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/place_tracker.h"
 #include "control/ripple.h"
+#include "control/tunnel_wall.h"
 #include "devices/plugin/plugin_device.h"
 #include "player/guidance/guidance_controller.h"
 #include "recorder/recorder.h"

@@ -1,7 +1,9 @@
 // Tests of paths without length, of one point and of ten million, of a nanometre and of ten metres.
 #include "control/guidance.h"
+#include "control/guide_terms.h"
 #include "control/path/path_smoothing.h"
 #include "control/path/place_tracker.h"
+#include "control/tunnel_wall.h"
 #include "player/guidance/guidance_controller.h"
 #include "tests/extremes/support.h"
 

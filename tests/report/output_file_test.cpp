@@ -3,8 +3,8 @@
 
 #include "base/json_reader.h"
 #include "formats/documents/device_profile.h"
+#include "formats/recording/crash_recovery.h"
 #include "formats/recording/recording.h"
-#include "formats/recording/recording_recover.h"
 #include "formats/recording/recording_stream.h"
 #include "plot/figure.h"
 #include "tests/formats/support.h"

@@ -1,6 +1,6 @@
 // The table of contacts and the scene in a recording: kept to the bit by every way in and out.
+#include "formats/recording/crash_recovery.h"
 #include "formats/recording/recording.h"
-#include "formats/recording/recording_recover.h"
 #include "formats/recording/recording_stream.h"
 #include "tests/formats/support.h"
 

@@ -1,7 +1,7 @@
 // Recordings that would make haptrace read other files: external links, external storage and virtual datasets.
 #include "formats/path/path_file.h"
+#include "formats/recording/crash_recovery.h"
 #include "formats/recording/recording.h"
-#include "formats/recording/recording_recover.h"
 #include "formats/recording/recording_stream.h"
 #include "tests/formats/support.h"
 

@@ -1,6 +1,6 @@
 // Integrity of recordings: changed values on the disk are found, summaries and checksums match the rounded values,
 // clock readings are preserved, and other writers are detected.
-#include "formats/recording/recording_recover.h"
+#include "formats/recording/crash_recovery.h"
 #include "formats/recording/recording_stream.h"
 #include "tests/formats/support.h"
 

@@ -1,4 +1,4 @@
-#include "formats/recording/recording_recover.h"
+#include "formats/recording/crash_recovery.h"
 
 #include "tests/formats/support.h"
 
