@@ -29,7 +29,9 @@ std::string shown_json(const json& value) {
 }
 
 [[noreturn]] void wrong_type(const std::string& name, std::string_view expected, const json& value) {
-  throw input_error(fmt::format("{}: expected {}, found {}", name, expected, shown_json(value)));
+  const bool quantity = value.is_string() && expected.find("number") != std::string_view::npos;
+  throw input_error(fmt::format("{}: expected {}, found {}{}", name, expected, shown_json(value),
+                                quantity ? "; numbers in JSON are SI, without quotes and units" : ""));
 }
 
 double checked_number(const json& value, const std::string& name, const char* expected, double min, double max) {
@@ -102,8 +104,13 @@ bool JsonReader::has(const std::string& key) const {
 }
 
 JsonReader& JsonReader::require(const std::string& key) {
-  if (!has(key)) throw input_error(fmt::format("{}: '{}' is missing", where_, key));
-  return *this;
+  if (has(key)) return *this;
+  std::vector<std::string> unknown;
+  for (const auto& [name, value] : object_->items())
+    if (!asked_.contains(name)) unknown.push_back(name);
+  const std::string typo = nearest(key, unknown);
+  throw input_error(fmt::format("{}: '{}' is missing{}", where_, key,
+                                typo.empty() ? "" : fmt::format("; is '{}' meant to be it?", typo)));
 }
 
 const json* JsonReader::find(const std::string& key) {

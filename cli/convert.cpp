@@ -12,6 +12,7 @@
 #include "formats/recording/storage_report.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -337,6 +338,10 @@ Verb add_convert(CLI::App& app) {
       ->group("XDF");
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
+            const bool resamples = arguments->resample_hz != 0;
+            refuse_useless(*verb, std::to_array<Dependence>({{"--method", resamples, "--resample"},
+                                                             {"--max-gap", resamples, "--resample"},
+                                                             {"--low-pass", resamples, "--resample"}}));
             if (const auto& level = verb->get_option("--compress")->results(); level.size() == 1 && level[0].empty())
               arguments->compress = kCompress;
             const InputFile input(arguments->input, arguments->csv);

@@ -149,7 +149,8 @@ std::string initiation_text(const std::optional<Initiation>& initiation) {
   const char* how = initiation->initiator == Initiator::self     ? "started alone after"
                     : initiation->initiator == Initiator::helped ? "started with help after"
                                                                  : "did not start within";
-  return fmt::format("; {} {:.2f} s, work of the back wall {:.0f} mJ", how, initiation->waited, 1e3 * initiation->work);
+  return fmt::format("; {} {:.2f} s, work of the wall behind the hand {:.0f} mJ", how, initiation->waited,
+                     1e3 * initiation->work);
 }
 
 std::string summary(const Arguments& arguments, const GuideResult& result, const DeviceInfo& device,
@@ -316,6 +317,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   arguments.radius_given = verb.get_option("--radius")->count() > 0;
   GuideOptions options = options_of(arguments);
   refuse_useless_options(verb, arguments);
+  refuse_unrecorded(verb, !arguments.record.empty());
   options.force_expected = verb.get_option("--force-scale")->count() > 0 || !arguments.expert_force.empty();
   std::vector<std::string> inputs = arguments.spread;
   inputs.push_back(arguments.expert);

@@ -244,11 +244,24 @@ void accept_units(CLI::App& verb) {
           const std::optional<double> value = parse_quantity(text, unit);
           if (number && !value)
             throw CLI::ValidationError(
-                fmt::format("'{}' has the wrong unit for this quantity; its SI unit is {}", text, unit));
+                fmt::format("'{}': '{}' is not a known unit of this quantity; its SI unit is {}", text,
+                            rest.substr(std::min(rest.find_first_not_of(' '), rest.size())), unit));
           return value ? fmt::format("{}", *value) : text;
         },
         "");
   }
+}
+
+std::string explained(const CLI::ParseError& error) {
+  const std::string text = error.what();
+  const std::string_view cannot = "Could not convert: ", excludes = " excludes ";
+  const std::size_t equals = text.find(" = ");
+  if (text.starts_with(cannot) && equals != std::string::npos)
+    return fmt::format("{} is '{}'; it must be a number without a unit, whole where things are counted",
+                       text.substr(cannot.size(), equals - cannot.size()), text.substr(equals + 3));
+  if (const std::size_t at = text.find(excludes); at != std::string::npos)
+    return fmt::format("{} and {} exclude each other", text.substr(0, at), text.substr(at + excludes.size()));
+  return text;
 }
 
 }  // namespace haptrace::cli

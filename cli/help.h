@@ -37,4 +37,7 @@ class HelpPage final : public CLI::Formatter {
 /// unit, such as 20mm. Without a unit, a value is SI.
 void accept_units(CLI::App& verb);
 
+/// Returns what is wrong with an option, and what it must be, in plain words.
+std::string explained(const CLI::ParseError& error);
+
 }  // namespace haptrace::cli

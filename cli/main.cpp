@@ -124,7 +124,7 @@ Error lacks_experiment(const CLI::App& verb) {
     names.push_back(inner->get_name());
   const std::string word = verb.remaining().empty() ? "" : verb.remaining().front();
   return input_error(fmt::format("haptrace {} needs one of: {}{}", full_name(verb), fmt::join(names, ", "),
-                                 word.empty() ? "" : suggestion(word, names)));
+                                 word.empty() || word[0] == '-' ? "" : suggestion(word, names)));
 }
 
 /// Declares every verb, in the order of the help page.
@@ -209,7 +209,7 @@ int run(int argc, char** argv) {
     return kBadInput;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);
-    return report(output, kBadInput, error.what());
+    return report(output, kBadInput, explained(error));
   } catch (const Error& error) {
     return report(output, exit_code(error.kind()), error.what());
   } catch (const std::exception& error) {

@@ -105,7 +105,8 @@ void PathArguments::add_to(CLI::App& app) {
   app.add_option("--approach-speed", approach_speed, "peak speed of the approach [m/s]")
       ->capture_default_str()
       ->group("Path");
-  app.add_option("--max-deviation", max_deviation, "distance from the path at which the session stops [m]")
+  app.add_option("--max-deviation", max_deviation,
+                 "distance from the reference on the path at which the session stops [m]")
       ->capture_default_str()
       ->group("Safety");
 }

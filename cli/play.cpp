@@ -68,7 +68,7 @@ std::optional<PdGains> gains_from(const PlayArguments& arguments) {
   }
   if (arguments.kp.empty() && arguments.kd.empty()) return std::nullopt;
   if (arguments.kp.empty() || arguments.kd.empty())
-    throw input_error("--kp and --kd go together: give both, or neither");
+    throw input_error("--kp and --kd go together: give both, as in --kp 2000 --kd 24 (12 ms kp), or neither");
   return PdGains{gain_of("--kp", arguments.kp, "N/m"), gain_of("--kd", arguments.kd, "N s/m")};
 }
 
@@ -119,7 +119,7 @@ Compensations compensations_from(const std::vector<std::string>& without) {
   std::vector<std::string> known{"all"};
   for (const CompensationTerm& term : kCompensationTerms) known.emplace_back(term.name);
   for (const std::string& name : without) {
-    const std::size_t index = index_of_name("compensation", name, known);
+    const std::size_t index = index_of_name("force term of --without,", name, known);
     if (index == 0)
       with = {};
     else
@@ -161,6 +161,19 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
   }
   if (session.recording) options.annotations = session.recording->options.annotations;
   return {plan.tuning, std::move(options)};
+}
+
+/// Returns a warning of given gains beyond those at which the calibrated device is stable, else an empty text.
+std::string beyond_stability(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play) {
+  if (arguments.tuning.expert || !play.identified || (!play.gains && !play.impedance)) return "";
+  const TrackingDesign& design = play.identified->design;
+  const PdGains &gains = plan.tuning.gains, &most = plan.composed.observer ? design.largest : design.plain;
+  if ((gains.kp.array() <= most.kp.array()).all() && (gains.kd.array() <= most.kd.array()).all()) return "";
+  return fmt::format(
+      "the gains are above the stability limit of this device (kp {:.0f}, {:.0f}, {:.0f} N/m; kd {:.3g}, {:.3g}, "
+      "{:.3g} "
+      "N s/m): it may vibrate, which softens or ends the session",
+      most.kp.x(), most.kp.y(), most.kp.z(), most.kd.x(), most.kd.y(), most.kd.z());
 }
 
 /// Returns the options that do not depend on files and the device.
@@ -337,6 +350,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   require(verb, "path");
   require(verb, "--device");
   PlayOptions options = options_of(arguments);
+  refuse_unrecorded(verb, !arguments.record.empty());
   keep_inputs(arguments.record,
               std::array{arguments.path, arguments.gains, arguments.impedance, arguments.along.place.frame});
   options.session = arguments.session.options(arguments.record, effective_config(verb));
@@ -381,6 +395,10 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
         fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
                     "millimetres. Calibrate it: haptrace calibrate --device {}",
                     device->info().model, device->info().name));
+  if (const std::string shaky = beyond_stability(arguments, plan, options); !shaky.empty()) {
+    note_before(output, options.session, "plan", std::span(&shaky, 1), Severity::warning);
+    notes.push_back(shaky);
+  }
   note_before(output, options.session, "plan", plan.notes);
   notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
   if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));

@@ -7,6 +7,7 @@
 #include "cli/verb.h"
 #include "player/tuning/live_recording.h"
 
+#include <array>
 #include <fmt/format.h>
 
 namespace haptrace::cli {
@@ -95,6 +96,7 @@ Verb add_record(CLI::App& app) {
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             require(*verb, "--device");
+            refuse_useless(*verb, std::to_array<Dependence>({{"--pause", arguments->count > 1, "--count"}}));
             RecordOptions options = options_of(*arguments, *verb);
 
             const std::vector<std::string> scene_notes = arguments->scene.apply(options.session);

@@ -18,6 +18,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <ranges>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -134,8 +135,10 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
   std::size_t finished = 0;
   std::vector<std::string> partial;  // shares of the path
   for (const LoggedTrial& trial : result.log.trials) {
-    finished += trial.finished() ? 1 : 0;
-    if (!trial.partial() || programme.exercise(trial.exercise).sense) continue;
+    const Exercise& exercise = programme.exercise(trial.exercise);
+    const bool timed = exercise.reach && exercise.reach->goal != ReachGoal::target;  // may end with its time
+    finished += trial.finished() || (timed && trial.partial()) ? 1 : 0;
+    if (!trial.partial() || exercise.sense || timed) continue;
     const std::optional<double> share = figure_in(trial.figures, "completion");
     partial.push_back(share ? fmt::format("{:.0f} %", 100 * *share) : "without a share");
   }
@@ -328,7 +331,7 @@ class ProgrammeScreen {
     clear();
     (void)commands_.answer_of(false);
     if (const std::string text = figures_text(trial.figures); !text.empty() && !trial.sense)
-      output_.remark("  " + text);
+      output_.remark((trial.figures.contains("at_limit") ? "  at least: " : "  ") + text);
     for (const char* key : {"refused", "at_limit"})
       if (trial.figures.is_object() && trial.figures.contains(key))
         output_.remark("  " + trial.figures[key].get<std::string>());
@@ -416,6 +419,11 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   }
   require(verb, "--device");
   for (const std::string& note : device->notes) output.remark(note);
+  const auto asks = [&](std::size_t i) { return programme.exercise(i).sense.has_value(); };
+  const auto numbers = std::views::iota(std::size_t{0}, programme.size());
+  if (device->virtual_time && arguments.session.clock != "real" && std::ranges::any_of(numbers, asks))
+    output.warn({Severity::warning, "plan", kNaN,
+                 "in virtual time a question does not wait for an answer: add --clock real to answer"});
 
   ProgrammeOptions options{
       .folder = folder,
@@ -424,6 +432,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
       .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
         return devices.open(exercise, settings, path);
       }};
+  note_limits(output, options.session, *device);
   // The profile from the start applies to the whole session.
   const std::string kept = (fs::path(folder) / kSessionProfile).string();
   if (!resumes)
@@ -471,12 +480,12 @@ Verb add_run(CLI::App& app) {
       "Keys: p pauses after the repetition and resumes; s skips, a repeats a repetition; + - stiffer or softer walls;\n"
       "w n wider or narrower tunnel; r resets; m or space sets a mark, 1 to 9 a mark with one of --mark-texts, t a\n"
       "mark with a typed text; q ends the session. --resume continues it later, even on another day.\n"
-      "  haptrace run reaching.json --dry-run\n"
-      "  haptrace run reaching.json -d falcon --subject P07 --mirror x -o p07-monday\n"
+      "  haptrace run samples/programmes/reaching.json --dry-run\n"
+      "  haptrace run samples/programmes/reaching.json -d falcon --subject P07 --mirror x -o p07-monday\n"
       "  haptrace run --resume p07-monday -d falcon\n"
-      "  haptrace run lesson.json -d 'sim:preset=falcon,hand=relaxed,intent={path}' -o try");
+      "  haptrace run samples/programmes/lesson.json -d 'sim:preset=falcon,hand=relaxed,intent={path}' -o try");
   verb->add_option("programme", arguments->programme, "programme to run")->type_name("PROGRAMME.json");
-  verb->add_option("-o,--output", arguments->folder, "folder of the session (default: beside the programme)")
+  verb->add_option("-o,--output", arguments->folder, "folder of the session (default: PROGRAMME-session)")
       ->type_name("FOLDER");
   verb->add_option("--resume", arguments->resume,
                    "resume an unfinished session; give the device and all changed limits again")

@@ -14,6 +14,7 @@
 #include "devices/loop/recovering_device.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
@@ -231,6 +232,10 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   for (std::size_t at = device.find('='); at != std::string::npos; at = device.find('=', at + 1))
     of_device.push_back(device.substr(at + 1, device.find(',', at) - at - 1));
   keep_inputs(file, of_device);
+  constexpr std::size_t kMarkKeys = 9;
+  if (mark_texts.size() > kMarkKeys)
+    throw input_error(
+        fmt::format("--mark-texts has {} texts, but there are {} keys for them, 1 to 9", mark_texts.size(), kMarkKeys));
   for (const std::string& text : mark_texts)
     if (text.size() > kLongestEventText)
       throw input_error(fmt::format("--mark-texts: '{}' has {} bytes; a text may have at most {}", text, text.size(),
@@ -257,9 +262,11 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
 }
 
 void require(const CLI::App& verb, const std::string& option) {
-  if (verb.get_option(option)->count() == 0)
-    throw input_error(
-        fmt::format("haptrace {} needs {}; see haptrace {} --help", full_name(verb), option, full_name(verb)));
+  const CLI::Option* needed = verb.get_option(option);
+  if (needed->count() > 0) return;
+  // A positional argument has no name that a user types.
+  throw input_error(fmt::format("haptrace {} needs {}; see haptrace {} --help", full_name(verb),
+                                needed->get_lnames().empty() ? needed->get_type_name() : option, full_name(verb)));
 }
 
 void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependences) {
@@ -269,6 +276,12 @@ void refuse_useless(const CLI::App& verb, std::span<const Dependence> dependence
       throw input_error(
           fmt::format("{} has no effect without {}: leave it out, or give {}", one.option, one.needs, one.needs));
   }
+}
+
+void refuse_unrecorded(const CLI::App& verb, bool recorded) {
+  for (const char* option : {"--subject", "--operator", "--notes", "--meta", "--meta-file", "--split", "--sync",
+                             "--precision", "--compress"})
+    refuse_useless(verb, std::to_array<Dependence>({{option, recorded, "--record"}}));
 }
 
 void keep_inputs(const std::string& output, std::span<const std::string> inputs) {
@@ -292,6 +305,9 @@ void apply_config(CLI::App& verb, const std::string& file) {
 void apply_config(CLI::App& verb, const nlohmann::json& config, const std::string& file) {
   if (!config.is_object())
     throw input_error(fmt::format("{}: the configuration must be a JSON object of options", file));
+  // The output of `info --json` has the configuration of a recording among other facts.
+  if (const auto recorded = config.find("config"); recorded != config.end() && recorded->is_object())
+    return apply_config(verb, *recorded, file + ": config");
   std::vector<std::string> known;
   std::vector<CLI::Option*> options;  // one per name
   for (CLI::Option* option : verb.get_options()) {
@@ -325,7 +341,7 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
       option->run_callback();
       configured().insert(option);
     } catch (const CLI::ParseError& error) {
-      throw input_error(fmt::format("{}: key '{}': {}", file, key, error.what()));
+      throw input_error(fmt::format("{}: key '{}': {}", file, key, explained(error)));
     }
   }
 }
@@ -430,8 +446,23 @@ void note_before(const Output& output, SessionOptions& session, const char* code
   }
 }
 
+void note_limits(const Output& output, SessionOptions& session, const DeviceInfo& device) {
+  const SafetyLimits& limits = session.loop.limits;
+  if (!(limits.max_velocity > 0)) {
+    const std::string text =
+        "there is no speed limit, because --max-velocity is 0: nothing stops a tool that runs away";
+    note_before(output, session, "limits", std::span(&text, 1), Severity::warning);
+  }
+  if (device.max_force > 0 && limits.max_force > device.max_force) {
+    const std::string text = fmt::format("--max-force {:.4g} N is above the largest force of {}: {:.4g} N holds",
+                                         limits.max_force, device.model, device.max_force);
+    note_before(output, session, "limits", std::span(&text, 1));
+  }
+}
+
 std::vector<std::string> note_device_and_path(const Output& output, SessionOptions& session, const DeviceInfo& device,
                                               const std::string& path, std::span<const std::string> of_path) {
+  note_limits(output, session, device);
   std::vector<std::string> notes = device.notes;
   for (const std::string& note : of_path) notes.push_back(fmt::format("{}: {}", path, note));
   note_before(output, session, "device", device.notes);

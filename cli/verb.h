@@ -157,8 +157,14 @@ class Signals {
 void note_before(const Output& output, SessionOptions& session, const char* code, std::span<const std::string> texts,
                  Severity severity = Severity::note);
 
-/// Prints the notes on the device and those on the path, which are warnings, makes them known to the session, and
-/// returns them all. `path` names the path.
+/// Throws Error(input) that names the first option of the command line which needs a recording, if there is none.
+void refuse_unrecorded(const CLI::App& verb, bool recorded);
+
+/// Warns of limits that the command line switched off, or that are above those of the device.
+void note_limits(const Output& output, SessionOptions& session, const DeviceInfo& device);
+
+/// Prints the notes on the limits, on the device and those on the path, which are warnings, makes them known to the
+/// session, and returns them all. `path` names the path.
 std::vector<std::string> note_device_and_path(const Output& output, SessionOptions& session, const DeviceInfo& device,
                                               const std::string& path, std::span<const std::string> of_path);
 

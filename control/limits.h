@@ -63,6 +63,14 @@ class ForceLimiter {
     mean_square_ += -std::expm1(-dt / tau_) * (std::min(force.squaredNorm(), kLargest * kLargest) - mean_square_);
   }
 
+  /// Takes the mean square that earlier forces left [N^2], `rested` [s] ago.
+  void warm(double mean_square, double rested) noexcept {
+    mean_square_ = std::min(mean_square, kLargest * kLargest);
+    acted(Vec3::Zero(), rested);
+  }
+  /// Returns the mean square of the forces [N^2]; 0 without a continuous limit.
+  [[nodiscard]] double mean_square() const noexcept { return mean_square_; }
+
   /// Returns true if `result` was reduced to a force that may act for long: by the continuous limit, or by the peak
   /// limit if no continuous limit is below it.
   [[nodiscard]] bool holds_back(const Result& result) const noexcept {

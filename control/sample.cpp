@@ -196,6 +196,8 @@ std::string describe(const Event& event) {
       return fmt::format("the loop still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a,
                          100 * c);
     case EventCode::warming:
+      if (std::isfinite(b) && b < 1)
+        return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited, reached now", 100 * a);
       if (!std::isfinite(b))
         return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited", 100 * a);
       return fmt::format(

@@ -115,8 +115,10 @@ std::optional<RangeFigures> range_figures(const Trial& trial, const ReachTrial& 
     if (trial.time[i] - *begin < reach.hold) continue;
     const std::size_t nearest = least.front();
     if (figures && place(nearest) <= figures->distance) continue;
-    figures =
-        RangeFigures{.distance = place(nearest), .at_limit = near_end(reach.workspace, trial.position[nearest], along)};
+    // A hand that goes the other way has not come at all.
+    const double distance = std::max(place(nearest), 0.0);
+    figures = RangeFigures{.distance = distance,
+                           .at_limit = distance > 0 && near_end(reach.workspace, trial.position[nearest], along)};
   }
   return figures;
 }

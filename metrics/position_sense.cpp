@@ -151,9 +151,12 @@ std::string describe(const SenseSummary& summary) {
   }
   if (!enough) return text + fmt::format(": no threshold from fewer than {} answers", SenseFit::kLeastAnswers);
   constexpr double kTold = 70, kOther = 40;  // [%]
-  return text + (right > kTold    ? ": the threshold is below the differences; choose smaller ones"
-                 : right < kOther ? ": the answers are the other way round; check that the question is understood"
-                                  : ": the threshold is above the differences, or the answers are by chance");
+  return text +
+         (right > kTold
+              ? ": no threshold in the range of the differences, because nearly all answers were right or a bias hides "
+                "it; choose smaller differences as well"
+          : right < kOther ? ": the answers are the other way round; check that the question is understood"
+                           : ": the threshold is above the differences, or the answers are by chance");
 }
 
 }  // namespace haptrace

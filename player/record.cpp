@@ -74,11 +74,13 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
                                          const Progress& progress) {
   check(trials, options);
   std::vector<SessionResult> results;
+  MotorHeat motors;
   std::unique_ptr<Device> device = trials.open(1);
   for (int trial = 1; trial <= trials.count; ++trial) {
     if (trial > 1 && trials.pause > 0) {
       // The loop keeps serving the device, so that it neither sleeps nor loses its home position.
       RecordOptions rest{.duration = trials.pause, .session = options.session};
+      rest.session.loop.motors = &motors;
       rest.session.recording.reset();
       rest.session.observer = nullptr;
       rest.session.touch = {};
@@ -92,6 +94,7 @@ std::vector<SessionResult> record_trials(const Trials& trials, const RecordOptio
     const std::string file = trial_file(options.session.recording->file, trial, trials.count);
     if (trials.begin) trials.begin(trial, *device, file);
     RecordOptions one = options;
+    one.session.loop.motors = &motors;
     SessionOptions::Recording& recording = *one.session.recording;
     recording.file = file;
     if (trials.count > 1) {

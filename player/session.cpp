@@ -91,6 +91,7 @@ class Watch {
 
   void look() {
     SessionView view{.live = monitor_.latest()};
+    warn_of_device(view);  // before the event of its return
     take_events(view);
     if (recorder_ != nullptr) {
       view.recording = recorder_->status();
@@ -98,7 +99,6 @@ class Watch {
       warn_of_losses(view);
       disk_is_low_ = view.recording->disk_low;
     }
-    warn_of_device(view);
     if (options_.warnings) add(view, options_.warnings());
     add(view, std::exchange(late_, {}));
     if (options_.observer != nullptr) options_.observer->shows(view);

@@ -60,6 +60,11 @@ json json_of_summary(const ReportSummary& summary, const TrialFigure& figure) {
           {"partial", summary.partial}};
 }
 
+json json_of_assessment(const ReportExercise& exercise) {
+  if (exercise.assessment) return to_json(*exercise.assessment);
+  return exercise.sense ? to_json(*exercise.sense) : json(nullptr);
+}
+
 json json_of_exercise(const ReportExercise& exercise) {
   json trials = json::array(), trends = json::object();
   for (const ReportTrial& trial : exercise.trials) trials.push_back(json_of_trial(trial));
@@ -76,9 +81,7 @@ json json_of_exercise(const ReportExercise& exercise) {
             {"partial", exercise.out_of_time()},
             {"metrics", std::move(summaries)}}},
           {"blocks", to_json(exercise.blocks)},
-          {"assessment", exercise.assessment ? to_json(*exercise.assessment)
-                         : exercise.sense    ? to_json(*exercise.sense)
-                                             : json(nullptr)},
+          {"assessment", json_of_assessment(exercise)},
           {"mode", exercise.mode},
           {"test", exercise.test},
           {"warm_up", exercise.warm_up},
@@ -189,8 +192,9 @@ json json_of_course(const ReportCourse& course, const Report& report) {
   const ReportExercise& last = exercise_of(report, course.points.back());
   for (const ReportCourse::Point& point : course.points) {
     const ReportExercise& exercise = exercise_of(report, point);
-    json metrics = json::object();
-    for (std::size_t i = 0; i < all_trial_figures().size(); ++i) {
+    // Directions and pairs differ: there is no typical one, and a lower bound does not compare.
+    json metrics = exercise.has_typical_trial() ? json::object() : json(nullptr);
+    for (std::size_t i = 0; metrics.is_object() && i < all_trial_figures().size(); ++i) {
       json& metric = metrics[all_trial_figures()[i].name] =
           json_of_summary(summary_of(exercise, i), all_trial_figures()[i]);
       if (&point != &course.points.front())
@@ -202,6 +206,7 @@ json json_of_course(const ReportCourse& course, const Report& report) {
                       {"begun", exercise.trials.size()},
                       {"finished", exercise.finished()},
                       {"partial", exercise.out_of_time()},
+                      {"assessment", json_of_assessment(exercise)},
                       {"metrics", std::move(metrics)}});
   }
   return {{"exercise", last.name}, {"mode", last.mode}, {"test", last.test}, {"sessions", std::move(points)}};

@@ -99,6 +99,12 @@ constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius
                                             {"assistance allowed (%)", &ReportTrial::assistance, 100, 0},
                                             {"level", &ReportTrial::level, 1, 2}}};
 
+/// Returns whether the device limits a metric in trials `at_limit`.
+bool is_limited(std::size_t figure) {
+  const std::string_view name = all_trial_figures()[figure].name;
+  return name == "range_m" || name == "press_force_n";
+}
+
 /// `person` is in every row if it is not empty.
 void add_trial_table(xml_node parent, const ReportExercise& exercise, const std::vector<std::size_t>& figures,
                      bool settings, const std::string& person, const std::string& caption) {
@@ -117,6 +123,8 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
   const bool targets =
       std::any_of(trials.begin(), trials.end(), [](const ReportTrial& t) { return !t.target.empty(); });
   if (targets) table.column("reach");
+  const bool answers = std::any_of(trials.begin(), trials.end(), [](const ReportTrial& t) { return t.answer > 0; });
+  if (answers) table.column("answer");
   if (settings) table.column("rank", true);
   const bool ends = std::any_of(trials.begin(), trials.end(),
                                 [](const ReportTrial& t) { return !t.finished() || !t.missing.empty(); });
@@ -133,6 +141,7 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
     if (!trial.finished()) set(row, "class", "stopped");
     if (named) table.text(person);
     if (targets) table.text(trial.target);
+    if (answers) table.text(trial.answer == 1 ? "first" : trial.answer == 2 ? "second" : kUndefined);
     if (settings) table.number(trial.rank ? fmt::format("{}", *trial.rank) : kUndefined);
     if (ends) table.text(trial.end_in_words() + (trial.missing.empty() ? "" : ", recording missing"));
     if (settings) table.number(fmt::format("{:.1f}", trial.duration));
@@ -141,8 +150,10 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
       const std::optional<double>& value = trial.*setting.value;
       table.number(value ? fmt::format("{:.{}f}", setting.scale * *value, setting.digits) : kUndefined);
     }
-    for (const std::size_t i : figures)
-      table.number(shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false));
+    for (const std::size_t i : figures) {
+      const std::string value = shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false);
+      table.number(trial.at_limit && is_limited(i) && trial.figures[i] ? "\u2265 " + value : value);
+    }
   }
 }
 

@@ -242,8 +242,7 @@ void add_trends(ReportExercise& exercise, const std::string& asked) {
     if (figures[i].better < 0) trend.curve = better_curve(trend.values);
     exercise.trends.push_back(std::move(trend));
   }
-  // Directions and pairs differ: their results are not those of a typical trial.
-  if (exercise.sense || (exercise.assessment && !exercise.assessment->directions.empty())) return;
+  if (!exercise.has_typical_trial()) return;
   const bool own_time = exercise.mode == "passive" || exercise.mode == "cursor" || exercise.mode == "playback";
   for (const std::string& name : {asked, std::string(own_time ? "deviation_rms_m" : "contour_rms_m"),
                                   std::string("tracking_rms_m"), std::string("movement_time_s")})
@@ -740,6 +739,7 @@ std::set<std::string> files_of(std::span<const std::string> inputs) {
 
 std::string ReportTrial::end_in_words() const {
   if (finished()) return "finished";
+  if (answer) return *answer == 0 && out_of_time() ? "no answer" : stopped_by;
   if (out_of_time()) {
     static const std::size_t kCompletion = index_of("completion");
     const std::optional<double> share = kCompletion < figures.size() ? figures[kCompletion] : std::nullopt;

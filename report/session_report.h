@@ -98,6 +98,8 @@ struct ReportExercise {
   std::optional<SenseSummary> sense;
   std::string reach;  ///< of a task by places: what must not differ between sessions that compare; else empty
 
+  /// Returns false for an assessment of directions or pairs: they differ, so that none is typical.
+  [[nodiscard]] bool has_typical_trial() const { return !sense && !(assessment && !assessment->directions.empty()); }
   [[nodiscard]] std::size_t finished() const;
   [[nodiscard]] std::size_t out_of_time() const;
 };

@@ -148,7 +148,12 @@ class ServoLoop::Session {
         torque_limiter_(loop.options_.limits.max_torque, kCautiousShare * loop.options_.limits.max_torque,
                         kCautiousTime),
         guard_(guard_of(loop)),
-        flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {}
+        flight_(static_cast<std::size_t>(std::ceil(kFlightRecord * loop.options_.rate_hz))) {
+    if (const MotorHeat* heat = loop.options_.motors) {
+      limiter_.warm(heat->force, heat->rested);
+      torque_limiter_.warm(heat->torque, heat->rested);
+    }
+  }
 
   void run(const StopRequest& stop) noexcept {
     loop_.estimator_.reset();
@@ -166,6 +171,8 @@ class ServoLoop::Session {
       }
     }
     send_zero();
+    if (loop_.options_.motors != nullptr)
+      *loop_.options_.motors = {.force = limiter_.mean_square(), .torque = torque_limiter_.mean_square()};
     if (guard_) report_.vibration = guard_->summary();
   }
 

@@ -18,6 +18,12 @@ class ServoClock;
 inline constexpr double kLowestRate = 10;      // [Hz]
 inline constexpr double kHighestRate = 20000;  // [Hz]
 
+/// Heat that a session leaves in the motors of a device, for the next session on it.
+struct MotorHeat {
+  double force = 0, torque = 0;  ///< mean squares of what was sent, as ForceLimiter counts them [N^2, N^2 m^2]
+  double rested = 0;             ///< time since the end of that session [s]
+};
+
 /// Settings of the servo loop (ServoLoop).
 struct ServoOptions {
   double rate_hz = 1000;
@@ -27,6 +33,7 @@ struct ServoOptions {
   bool watch_vibration = true;  ///< use ForceGuard on devices with a force limit; false only for experiments
   double ready_timeout = 30;    ///< longest wait for a device that is not ready, or not at rest after that [s]
   double away_timeout = 0;      ///< longest wait for a device that is away [s]; 0: it is lost at once
+  MotorHeat* motors = nullptr;  ///< borrowed; from earlier sessions, and replaced at the end. Null: the motors are cold
   ServoClock* clock = nullptr;  ///< borrowed; replaces both clocks, for studies of timing
 };
 

@@ -137,6 +137,14 @@ void check_directions(const JsonReader& reader, const ReachTask& task) {
     if (!((task.targets[i] - task.start).norm() >= kShortestWay))
       throw input_error(
           fmt::format("{}.targets[{}]: is in the start, which is no direction; move it", reader.where(), i));
+  constexpr double kSame = 0.9998;  // cosine of one degree
+  for (std::size_t i = 0; i < task.targets.size(); ++i)
+    for (std::size_t k = i + 1; k < task.targets.size(); ++k)
+      if ((task.targets[i] - task.start).normalized().dot((task.targets[k] - task.start).normalized()) > kSame)
+        throw input_error(
+            fmt::format("{}.targets[{}]: lies in the same direction as targets[{}], and `tries` repeats a direction; "
+                        "remove it",
+                        reader.where(), k, i));
 }
 
 /// Reads the line of the moving target, and its sines.
@@ -199,9 +207,9 @@ void read_fields_and_blocks(JsonReader& reader, ReachTask& task, int repetitions
 }
 
 void read_start_hold(JsonReader& reader, ReachTask& task) {
-  if (!reader.has("start_hold")) return;
   constexpr double kLongestHold = 10;  // [s]
   const json value = reader.value("start_hold");
+  if (!reader.has("start_hold")) return;
   if (value.is_number()) {
     task.least_start_hold = task.most_start_hold = reader.number("start_hold", 0, 0.1, kLongestHold);
     return;

@@ -37,8 +37,9 @@ void check(const PathSelection& selection, const std::string& name) {
 }
 
 Error nothing_between(const PathSelection& selection, const std::string& name, double begin, double end) {
-  return input_error(fmt::format("{}: has no sample from {} s to {} s; its path lasts from {:.3f} s to {:.3f} s", name,
-                                 selection.from, selection.to, begin, end));
+  return input_error(
+      fmt::format("{}: has no sample from {} s {}; its path lasts from {:.3f} s to {:.3f} s", name, selection.from,
+                  std::isfinite(selection.to) ? fmt::format("to {} s", selection.to) : "on", begin, end));
 }
 
 class MemoryPath final : public PathSource {

@@ -169,8 +169,8 @@ class Cut final : public RecordingSource {
   }
 
  private:
+  static constexpr double kLongest = 9.2e9;  // [s]
   static std::int64_t nanoseconds(double seconds) {
-    constexpr double kLongest = 9.2e9;
     return std::llround(std::clamp(seconds, -kLongest, kLongest) * 1e9);
   }
 
@@ -178,8 +178,10 @@ class Cut final : public RecordingSource {
     do {
       take(source_->next());
       if (done_ && block_.empty())
-        throw input_error(fmt::format("--from {} --to {}: no sample is between them", 1e-9 * static_cast<double>(from_),
-                                      1e-9 * static_cast<double>(to_)));
+        throw input_error(to_ == nanoseconds(kLongest)
+                              ? fmt::format("no sample is after {} s", 1e-9 * static_cast<double>(from_))
+                              : fmt::format("no sample is between {} s and {} s", 1e-9 * static_cast<double>(from_),
+                                            1e-9 * static_cast<double>(to_)));
     } while (block_.empty());
   }
 

@@ -131,13 +131,14 @@ BackWallOptions back_wall(const DeviceInfo& device, BackWallOptions wall, const 
   if (const double limit = options.session.loop.limits.max_continuous_force; limit > 0)
     most = most > 0 ? std::min(most, limit) : limit;
   if (most > 0 && wall.max_force > most) {
-    plan.notes.push_back(
-        fmt::format("the back wall pushes with at most {:.2g} N, the continuous force of {}", most, device.model));
+    plan.notes.push_back(fmt::format(
+        "the wall behind the hand pushes with at most {:.2g} N, the continuous force of {}", most, device.model));
     wall.max_force = most;
   }
   if (wall.stiffness > plan.largest_stiffness) {
-    plan.notes.push_back(fmt::format("the stiffness of the back wall is limited to {:.0f} N/m, as that of the walls",
-                                     plan.largest_stiffness));
+    plan.notes.push_back(
+        fmt::format("the stiffness of the wall behind the hand is limited to {:.0f} N/m, as that of the walls",
+                    plan.largest_stiffness));
     wall.stiffness = plan.largest_stiffness;
   }
   return wall;
@@ -264,7 +265,8 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
   if (options.initiate) {
     validate(*options.initiate);
     if (options.guidance.cursor)
-      throw input_error("a cursor moves by itself and needs no back wall; leave out --initiate, or use mode tunnel");
+      throw input_error(
+          "a cursor moves by itself and needs no wall behind the hand; leave out --initiate, or use mode tunnel");
   }
   if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
     throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));

@@ -392,6 +392,8 @@ class ProgrammeRun {
       if (session.servo.cause != StopCause::finished && !skipped) return end("stopped", session.servo.detail);
       if (!session.recorded_all())
         return end("stopped", "the recording could not be completed: " + session.recording_error);
+      // A stop in the question of the last trial is no answer.
+      if (stop_.count() > 0 && !log().trials.back().done()) return interrupted();
       if (options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i);
       if (i + 1 == trials.size()) break;
       if (programme_.limits.force_dose > 0 && sitting().force_dose >= programme_.limits.force_dose)
@@ -537,7 +539,10 @@ class ProgrammeRun {
     const double limit = programme_.limits.force_dose;
     TrialWatch watch(limit > 0 ? limit - sitting().force_dose : 0, end);
     LiveSession::Trial commanded(options_.live, end, trial.file);
+    const double begins = sitting().duration;
+    motors_.rested = begins - cools_from_;
     TrialRun run = run_mode(*device, exercise, trial, watch, end);
+    cools_from_ = begins + run.session.servo.duration;
     const LiveSession::TrialEnd end_of_trial = commanded.finish();
     trial.unattended = end_of_trial.unattended;
     // A note that concerns the device rather than the trial is reported once.
@@ -565,8 +570,11 @@ class ProgrammeRun {
     if (trial.sense && trial.finished()) {
       trial.sense->answer = ask(exercise.sense->answer);
       // A stop in the question leaves it open: the trial will be done again.
-      if (trial.sense->answer == 0)
+      if (trial.sense->answer == 0) {
         trial.stopped_by = stop_.count() > 0 ? to_string(StopCause::interrupted) : "time_over";
+        const char* const kNoWait = "in virtual time a question does not wait for an answer; use --clock real";
+        if (virtual_ && told_.insert(kNoWait).second) trial.notices.emplace_back(kNoWait);
+      }
     }
     measure(trial, watch.without_cue());
     sitting().duration += trial.duration;
@@ -622,8 +630,9 @@ class ProgrammeRun {
   /// Returns the session options of a trial. `config` holds the command that it names and the options that repeat this
   /// trial.
   [[nodiscard]] SessionOptions session_for(const DeviceInfo& device, const Exercise& exercise, const LoggedTrial& trial,
-                                           const TrialWatch& watch, nlohmann::json config) const {
+                                           const TrialWatch& watch, nlohmann::json config) {
     SessionOptions session = options_.session;
+    session.loop.motors = &motors_;
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =
@@ -836,6 +845,8 @@ class ProgrammeRun {
   ProgrammeResult result_;
   Programme programme_;
   const ProgrammeOptions& options_;
+  MotorHeat motors_;       ///< of the repetitions of this sitting
+  double cools_from_ = 0;  ///< end of the last repetition [s]
   const StopRequest& stop_;
   const Progress& progress_;
   std::vector<ProgressionState> states_;  ///< indexed by exercise, like the next two
@@ -952,6 +963,11 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
                     "raise the limit",
                     where, programme.limits.time, least));
   if (const auto note = note_on_catch_trials(programme)) plan.notes.push_back(*note);
+  for (std::size_t i = 0; i < programme.size(); ++i)
+    if (const Exercise& exercise = programme.exercise(i);
+        exercise.sense && exercise.sense->trials() < static_cast<int>(SenseFit::kLeastAnswers))
+      plan.notes.push_back(fmt::format("'{}' has {} pairs of places, but a threshold needs {} answers: raise tries",
+                                       exercise.name, exercise.sense->trials(), SenseFit::kLeastAnswers));
   if (fitted) plan.notes.push_back("all paths were moved and scaled into the workspace: " + describe(*fitted));
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
@@ -966,10 +982,14 @@ SessionLog begin_session(const nlohmann::json& programme, const std::string& whe
                          const DeviceInfo& device, const ProgrammeOptions& options) {
   const fs::path folder(options.folder);
   std::error_code failed;
-  if (is_session(options.folder))
-    throw input_error(
-        fmt::format("{}: already contains a session; resume it (haptrace run --resume {}), or choose another folder",
-                    options.folder, options.folder));
+  if (is_session(options.folder)) {
+    const bool complete = load_session_log(options.folder).complete;
+    throw input_error(fmt::format(
+        "{}: already contains a session{}", options.folder,
+        complete ? ", which is complete; choose another folder"
+                 : fmt::format("; resume it (haptrace run --resume {} --device {}), or choose another folder",
+                               options.folder, device.name)));
+  }
   const bool existed = fs::exists(folder, failed);
   if (existed && !(fs::is_directory(folder, failed) && fs::is_empty(folder, failed)))
     throw input_error(

@@ -115,7 +115,7 @@ TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRejectsInvalidOptions) {
   refused("--libver", "1.6", "--libver 1.6 must be 1.10 or");
   refused("--digits", "18", "--digits 18 must be 1 to 17");
   refused("--resample", "-5", "is not a rate");
-  refused("--from", "99", "no sample is between them");
+  refused("--from", "99", "no sample is after 99 s");
   refused("--precision", "1parsec", "parsec");
   refused("--compress", "10", "");
   refused("--map", "x", "--map x must be COLUMN=LABEL");
