@@ -166,7 +166,8 @@ Verb add_calibrate(CLI::App& app) {
   verb->add_option("-o,--output", arguments->output, "profile to write (default: in the profile folder)")
       ->type_name("FILE.json");
   verb->add_flag("--quick", arguments->quick, "measure in the middle of the workspace only, for about ten seconds");
-  verb->add_flag("--full", arguments->full, "measure there for half a minute instead of ten seconds, and try every firmness");
+  verb->add_flag("--full", arguments->full,
+                 "measure there for half a minute instead of ten seconds, and try every firmness");
   verb->add_option("--force-share", arguments->force_share,
                    "force limit as a share of the device's largest force, 0.1 to 1")
       ->capture_default_str()
