@@ -36,16 +36,17 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
                                                  : fmt::format(", and visits {} places around it, {:.0f} mm away",
                                                                plan.places.size(), 1e3 * farthest_place(plan));
   return fmt::format(
-      "calibrating {} for about {:.0f} s: it moves to the centre of its workspace, swings around it, sweeps along each "
+      "calibrating {} for about {:.0f} s{}: it moves to the centre of its workspace, swings around it, sweeps along "
+      "each "
       "axis ({}){}\n"
       "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
       "rms per axis\n"
       "  {}\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
       "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
-      info.name, plan.duration + 1, axes_of(plan), places,
-      1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()), plan.max_speed,
-      plan.max_force, plan.max_dither,
+      info.name, plan.duration + 1, plan.places.empty() ? "" : ", then trying laws, a quarter of a minute each",
+      axes_of(plan), places, 1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()),
+      plan.max_speed, plan.max_force, plan.max_dither,
       plan.places.empty() ? "the laws are not tried afterwards"
                           : "afterwards it follows small circles at these places, under two laws or more");
 }

@@ -119,7 +119,7 @@ Compensations compensations_from(const std::vector<std::string>& without) {
   std::vector<std::string> known{"all"};
   for (const CompensationTerm& term : kCompensationTerms) known.emplace_back(term.name);
   for (const std::string& name : without) {
-    const std::size_t index = index_of_name("force term of --without,", name, known);
+    const std::size_t index = index_of_name("force term", name, known);
     if (index == 0)
       with = {};
     else
@@ -156,7 +156,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
       options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
       if (plan.lqg) options.limits.largest = {kLqgRaise * plan.tuning.gains.kp, kLqgRaise * plan.tuning.gains.kd};
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
-      options.limits.because = "stability limit of this device";
+      options.limits.because = plan.lqg ? "limit of an LQG law" : "stability limit of this device";
     }
   }
   if (session.recording) options.annotations = session.recording->options.annotations;

@@ -912,8 +912,12 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
   return plan;
 }
 
-CalibrationResult calibrate(Device& device, const CalibrationOptions& options, const StopRequest& stop,
+CalibrationResult calibrate(Device& device, const CalibrationOptions& given, const StopRequest& stop,
                             const Progress& progress) {
+  // The motors stay warm between the sessions of a calibration.
+  CalibrationOptions options = given;
+  MotorHeat motors;
+  if (options.session.loop.motors == nullptr) options.session.loop.motors = &motors;
   const CalibrationPlan plan = plan_calibration(device.info(), options);
   constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
   const auto rows = static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz);

@@ -1,6 +1,7 @@
 #include "base/json_reader.h"
 
 #include "tests/formats/support.h"
+#include "tests/support/errors.h"
 
 #include <limits>
 
@@ -8,6 +9,8 @@ namespace haptrace {
 namespace {
 
 using nlohmann::json;
+using test::error_of;
+using testing::HasSubstr;
 
 TEST(ParseJson, AllowsComments) {
   EXPECT_EQ(parse_json("{ /* block */ \"a\": 1 // line\n}", "x")["a"], 1);
@@ -89,6 +92,30 @@ TEST(JsonReader, RefusesNumbersThatAreNotFinite) {
   const json object{{"n", std::numeric_limits<double>::infinity()}};
   expect_error([&] { JsonReader(object, "options").number("n", 0); }, Error::Kind::input,
                {"options: n: inf is not a finite number"});
+}
+
+TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
+  const json object = json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": 0,
+                                      "text": "3cm", "big": [1, 7]})");
+  JsonReader reader(object, "x");
+  EXPECT_EQ(reader.numbers("f", {}, 2), (std::vector<double>{1, 2.5}));
+  EXPECT_EQ(reader.numbers("absent", {4}, 2), (std::vector<double>{4}));
+  EXPECT_EQ(reader.direction("a", Vec3::UnitX()), -Vec3::UnitY());
+  EXPECT_EQ(reader.direction("absent", Vec3::UnitX()), Vec3::UnitX());
+  EXPECT_THAT(error_of([&] { (void)reader.numbers("long", {}, 2); }), HasSubstr("x: long: expected a list of 1 to 2"));
+  EXPECT_THAT(error_of([&] { (void)reader.numbers("none", {}, 2); }), HasSubstr("x: none: expected a list of 1 to 2"));
+  EXPECT_THAT(error_of([&] { (void)reader.numbers("big", {}, 2, 0, 5); }), HasSubstr("x: big[1]: 7 is too large"));
+  EXPECT_THAT(error_of([&] { (void)reader.direction("zero", Vec3::UnitX()); }), HasSubstr("x: zero: has no length"));
+  EXPECT_THAT(error_of([&] { (void)reader.number("text", 0); }), HasSubstr("without quotes and units"));
+}
+
+TEST(JsonReader, NamesTheTypoBehindAMissingKey) {
+  const json object = json::parse(R"({"kind": "box", "stifness": 800})");
+  JsonReader reader(object, "x");
+  (void)reader.text("kind", "");
+  EXPECT_THAT(error_of([&] { (void)reader.require("stiffness"); }),
+              HasSubstr("'stiffness' is missing; is 'stifness' meant to be it?"));
+  EXPECT_EQ(error_of([&] { (void)reader.require("radius"); }), "x: 'radius' is missing");
 }
 
 TEST(JsonReader, RefusesAnUnknownKeyAndSuggestsTheNearest) {

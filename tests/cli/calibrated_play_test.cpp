@@ -44,6 +44,15 @@ TEST_F(CalibratedPlay, FindsTheProfileAndFollowsThreeTimesAsWellAsStiffPd) {
   EXPECT_THAT(play({"--without", "frction"}).err, HasSubstr("did you mean 'friction'"));
 }
 
+TEST_F(CalibratedPlay, WarnsOfGainsBeyondTheStabilityLimitBeforeItStarts) {
+  const Answer shaky = play({"--kp", "99999", "--kd", "10"});
+  EXPECT_THAT(shaky.err, HasSubstr("the gains are above the stability limit of this device (kp "));
+  EXPECT_THAT(shaky.json()["notes"].dump(), HasSubstr("it may vibrate"));
+  EXPECT_THAT(play({"--kp", "99999", "--kd", "10", "--expert"}).err,
+              testing::Not(HasSubstr("stability limit of this")));
+  EXPECT_THAT(play({"--kp", "1000", "--kd", "10"}).err, testing::Not(HasSubstr("stability limit of this")));
+}
+
 TEST_F(CalibratedPlay, ChoosesAmongTheLawsOfTheProfile) {
   const nlohmann::json normal = play({}).json(), exact = play({"--firmness", "exact"}).json();
   EXPECT_EQ(normal["law"], "lqg");

@@ -109,6 +109,56 @@ TEST(TheCommand, PlaysTheConfigurationOfARecording) {
   EXPECT_EQ(again.json()["gains"]["kp"][0], 900);
 }
 
+TEST(TheCommand, TakesTheWholeOutputOfInfoAsAConfiguration) {
+  const TempFolder folder;
+  ASSERT_EQ(haptrace("play", square(folder), "--device", kFalcon, "--kp", "900", "--kd", "9", "--record",
+                     folder / "a.h5", "--fit")
+                .exit_code,
+            0);
+  const std::string config = folder.write("a.json", haptrace("info", folder / "a.h5", "--json").out);
+  const Answer again = haptrace("play", "--config", config, "--record", folder / "b.h5", "--json");
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(again.json()["gains"]["kp"][0], 900);
+}
+
+TEST(TheCommand, SaysInPlainWordsWhatAnOptionMustBe) {
+  const TempFolder folder;
+  const std::string path = square(folder);
+  const auto error = [&](const std::vector<std::string>& options) {
+    std::vector<std::string> words{"play", path, "--device", kFalcon};
+    words.insert(words.end(), options.begin(), options.end());
+    const Answer answer = Command(words).wait();
+    EXPECT_EQ(answer.exit_code, 2);
+    return answer.err;
+  };
+  EXPECT_THAT(error({"--speed", "2mm"}), HasSubstr("--speed is '2mm'; it must be a number without a unit"));
+  EXPECT_THAT(error({"--rate", "1MHz"}), HasSubstr("'MHz' is not a known unit of this quantity; its SI unit is Hz"));
+  EXPECT_THAT(error({"--max-force", "-3"}), HasSubstr("it must be 0 (the device's limit) or above"));
+  EXPECT_THAT(error({"--kp", "1000"}), HasSubstr("give both, as in --kp 2000 --kd 24"));
+  EXPECT_THAT(error({"--without", "inertai"}), HasSubstr("unknown force term 'inertai'"));
+  EXPECT_THAT(error({"--from", "50"}), HasSubstr("has no sample from 50 s on"));
+  EXPECT_THAT(error({"--compress", "3"}), HasSubstr("--compress has no effect without --record"));
+  EXPECT_THAT(error({"--record", folder / "a.h5", "--mark-texts", "1,2,3,4,5,6,7,8,9,10"}),
+              HasSubstr("there are 9 keys"));
+  EXPECT_THAT(haptrace("devices", "sim", "--watch").err, HasSubstr("exclude each other"));
+  EXPECT_THAT(haptrace("view").err, HasSubstr("haptrace view needs FILE"));
+  EXPECT_THAT(haptrace("stability", "--json").err, testing::Not(HasSubstr("known:")));
+}
+
+TEST(TheCommand, WarnsOfALimitThatIsOffOrAboveTheDevices) {
+  const TempFolder folder;
+  const auto warnings = [&](const char* option, const char* value) {
+    const Answer answer = haptrace("play", square(folder), "--fit", "--device", kFalcon, option, value, "--record",
+                                   folder / "a.h5", "--overwrite", "--json");
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    EXPECT_NE(answer.json()["warnings"].dump().find("limits"), std::string::npos);
+    std::filesystem::remove(folder / "square.h5");
+    return answer.err;
+  };
+  EXPECT_THAT(warnings("--max-velocity", "0"), HasSubstr("there is no speed limit"));
+  EXPECT_THAT(warnings("--max-force", "50"), HasSubstr("--max-force 50 N is above the largest force of"));
+}
+
 TEST(TheCommand, FitsThePathOfAHandOnlyOnRequestAndReportsHow) {
   const TempFolder folder;
   const std::string far = folder.write("far.csv", "t,x,y,z\n0,1,0,0\n0.2,1.05,0,0\n0.5,1.1,0.05,0\n");

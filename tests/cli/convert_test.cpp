@@ -115,6 +115,8 @@ TEST(ConvertCommand, AnonymisesWritesForOldReadersAndRejectsInvalidOptions) {
   refused("--libver", "1.6", "--libver 1.6 must be 1.10 or");
   refused("--digits", "18", "--digits 18 must be 1 to 17");
   refused("--resample", "-5", "is not a rate");
+  refused("--method", "cubic", "--method has no effect without --resample");
+  refused("--low-pass", "20", "--low-pass has no effect without --resample");
   refused("--from", "99", "no sample is after 99 s");
   refused("--precision", "1parsec", "parsec");
   refused("--compress", "10", "");

@@ -59,6 +59,19 @@ TEST(ForceLimiter, RecoversAtRest) {
   EXPECT_EQ(limiter.allowed(), 8);
 }
 
+TEST(ForceLimiter, ContinuesWithTheHeatThatEarlierForcesLeft) {
+  const SafetyLimits limits{.max_force = 8, .max_continuous_force = 3, .continuous_time = 10};
+  ForceLimiter first(limits), next(limits), cold(limits);
+  for (int i = 0; i < 5000; ++i) (void)sent(first, Vec3(8, 0, 0));
+  EXPECT_LT(first.allowed(), 5);
+  next.warm(first.mean_square(), 2);
+  first.acted(Vec3::Zero(), 2);
+  EXPECT_NEAR(next.allowed(), first.allowed(), 1e-9);
+  EXPECT_LT(next.allowed(), cold.allowed());
+  next.warm(first.mean_square(), 1e3);
+  EXPECT_EQ(next.allowed(), cold.allowed()) << "after a long rest";
+}
+
 TEST(ForceLimiter, CountsTheTimeForWhichAForceActsAndNotTheNumberOfCalls) {
   for (const double dt : {1e-4, 1e-3, 3e-3, 0.05}) {
     ForceLimiter limiter({.max_force = 8, .max_continuous_force = 3, .continuous_time = 10});

@@ -67,6 +67,16 @@ TEST(RangeOfMotion, IsALowerBoundWithinFiveMillimetresOfTheWorkspaceInItsDirecti
   EXPECT_FALSE(at_limit(0.086)) << "the walls to its sides do not count";
 }
 
+TEST(RangeOfMotion, IsZeroForAHandThatGoesTheOtherWay) {
+  const AlongX tried(2, [](double t) { return -0.04 * MinJerk::at(std::min(t, 1.0)).s - 0.001; });
+  ReachTrial reach = ahead(ReachGoal::range);
+  reach.workspace = {.min = Vec3(-1, -1, -1), .max = Vec3(0.002, 1, 1)};
+  const auto figures = range_figures(tried.trial(), reach);
+  ASSERT_TRUE(figures);
+  EXPECT_EQ(figures->distance, 0);
+  EXPECT_FALSE(figures->at_limit) << "what the hand did not try has no limit";
+}
+
 TEST(RangeOfMotion, DoesNotBridgeMissingPositionsAndNeedsAWholeHold) {
   AlongX tried(2, [](double t) { return t < 1 ? 0.05 : 0.07; });
   for (std::size_t i = 1300; i < 1400; ++i) tried.position[i] = nan3();

@@ -231,6 +231,9 @@ TEST(ReportCourse, ShowsTheBestOfEveryDirectionForEverySession) {
   EXPECT_EQ(cells.begin()->second, (std::vector<std::string>{"50.0 mm", "\u2265 60.0 mm", "70.0 mm"}));
   EXPECT_EQ(std::next(cells.begin())->second, (std::vector<std::string>{"\u2013", "\u2013", "\u2013"}));
   EXPECT_THAT(report_page(report_of(sessions)), HasSubstr("not comparable with the first: "));
+  const nlohmann::json points = to_json(report_of(sessions))["persons"][0]["over_sessions"][0]["sessions"];
+  EXPECT_TRUE(points[1]["metrics"].is_null()) << "lower bounds of different directions have no median";
+  EXPECT_EQ(points[1]["assessment"]["directions"][0]["best_m"], 0.06);
 }
 
 TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {

@@ -406,6 +406,51 @@ TEST_F(SenseSession, AsksAgainAfterAStopInTheQuestion) {
   EXPECT_EQ(resumed.trials[1].attempt, 2);
 }
 
+TEST_F(SenseSession, IsNotCompleteAfterAStopInItsLastQuestion) {
+  int asked = 0;
+  options_.asks = [&](double) {
+    if (++asked == 2) stop_.raise();
+    return asked == 2 ? 0 : 1;
+  };
+  const SessionLog log = run(R"({"differences": [0.01], "tries": 2})");
+  ASSERT_EQ(log.trials.size(), 2U);
+  EXPECT_FALSE(log.complete);
+  EXPECT_EQ(log.sittings.back().ended_by, "interrupted");
+  options_.asks = [](double) { return 2; };
+  const StopRequest stop;
+  EXPECT_TRUE(run_programme(options_, stop).log.complete);
+}
+
+TEST_F(SenseSession, SaysThatAQuestionDoesNotWaitInVirtualTime) {
+  options_.asks = [](double) { return 0; };
+  const SessionLog log = run(R"({"differences": [0.01], "tries": 2})");
+  ASSERT_EQ(log.trials.size(), 2U);
+  EXPECT_THAT(log.trials[0].notices, testing::Contains(HasSubstr("use --clock real")));
+  EXPECT_THAT(log.trials[1].notices, testing::Not(testing::Contains(HasSubstr("use --clock real")))) << "said once";
+}
+
+// The motors do not cool in the moment between two repetitions.
+TEST_F(SenseSession, KeepsTheContinuousForceOverAllRepetitions) {
+  options_.asks = [](double) { return 1; };
+  options_.max_deviation = 1;
+  options_.session.loop.limits.max_continuous_force = 1;
+  options_.session.loop.limits.continuous_time = 10;
+  hand_ = "sim:preset=falcon,hand=firm";
+  const SessionLog log = run(R"({"differences": [0.016], "tries": 6, "move": 0.5})");
+  ASSERT_EQ(log.trials.size(), 6U);
+  double square = 0, hottest = 0, first = 0;
+  for (const LoggedTrial& trial : log.trials) {
+    RecordingReader reader((std::filesystem::path(options_.folder) / trial.file).string());
+    for (const Sample& sample : reader.read(0, reader.rows())) {
+      square += 1e-3 / 10 * (sample.force.squaredNorm() - square);
+      hottest = std::max(hottest, square);
+    }
+    if (&trial == log.trials.data()) first = hottest;
+  }
+  EXPECT_LE(std::sqrt(hottest), 1.01);
+  EXPECT_GT(std::sqrt(hottest), 1.05 * std::sqrt(first)) << "it takes more than one repetition to warm the motors";
+}
+
 TEST_F(SenseSession, DoesNotCountAPairToWhichTheHandWasNotLed) {
   options_.asks = [](double) { return 1; };
   options_.max_deviation = 1;
