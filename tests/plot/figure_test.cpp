@@ -1,5 +1,6 @@
 #include "plot/figure.h"
 
+#include "plot/axis.h"
 #include "tests/formats/support.h"
 
 #include <algorithm>
