@@ -1,7 +1,9 @@
 // Tests of the back wall with hands along a line.
 #include "control/back_wall.h"
 
+#include "control/guidance.h"
 #include "control/path/place_tracker.h"
+#include "control/tunnel_wall.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 
