@@ -240,7 +240,7 @@ void add_expert_options(CLI::App& verb, Arguments& arguments) {
       ->type_name("FILE.json")
       ->group("Forces");
   verb.add_flag("--negate-measured", arguments.expert_options.negated,
-                "the force sensor of the recording measures the force of the hand on the device")
+                "the recording's force sensor measures the force of the hand on the device")
       ->group("Forces");
 }
 

@@ -221,7 +221,7 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"UnknownDeviceKey", {"play", "SQUARE", "--device", "sim:presset=falcon"}, 2, {"presset", "'preset'"}},
         Mistake{"UnknownShape", {"shape", "sqare", "-o", "FOLDER/out.h5"}, 2, {"sqare"}},
         Mistake{"NoDevice", {"play", "SQUARE"}, 2, {"needs --device"}},
-        Mistake{"NoPath", {"play", "--device", "sim"}, 2, {"needs path"}},
+        Mistake{"NoPath", {"play", "--device", "sim"}, 2, {"needs PATH"}},
         Mistake{"NotANumber", {"play", "SQUARE", "--device", "sim", "--speed", "fast"}, 2, {"--speed"}},
         Mistake{"MissingPath", {"play", "FOLDER/nothing.h5", "--device", "sim"}, 2, {"nothing.h5"}},
         Mistake{"EmptyPath", {"play", "FOLDER/empty.csv", "--device", "sim"}, 2, {"empty.csv"}},

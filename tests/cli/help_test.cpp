@@ -118,7 +118,7 @@ TEST(Quantities, TakeAUnitWhereverAnOptionStatesOne) {
   EXPECT_EQ(test::read_bytes(with), test::read_bytes(without));
   const Answer wrong = haptrace("shape", "square", "--size", "80kg", "-o", folder / "x.csv");
   EXPECT_EQ(wrong.exit_code, 2);
-  EXPECT_THAT(wrong.err, HasSubstr("'80kg' has the wrong unit for this quantity; its SI unit is m"));
+  EXPECT_THAT(wrong.err, HasSubstr("'kg' is not a known unit of this quantity; its SI unit is m"));
   const std::string config = folder.write("c.json", R"({"size": "80mm", "duration": "500ms", "sample-rate": "1kHz",
       "angle": "90deg", "output": ")" + (folder / "config.csv") +
                                                         "\"}");

@@ -124,7 +124,7 @@ TEST(ReportCommand, ReportsErrors) {
     EXPECT_EQ(answer.exit_code, 2) << answer.err;
     return answer.err;
   };
-  EXPECT_THAT(error({}), HasSubstr("session"));
+  EXPECT_THAT(error({}), HasSubstr("needs SESSION"));
   EXPECT_THAT(error({folder / "none.h5"}), HasSubstr("none.h5"));
   EXPECT_FALSE(std::filesystem::exists(folder / "none.report.html")) << "nothing is left behind";
   EXPECT_THAT(error({folder.path()}), HasSubstr("session.json"));

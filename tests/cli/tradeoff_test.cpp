@@ -116,7 +116,7 @@ TEST(TradeoffCommand, SimulatesADeviceWithOneAxis) {
 
 TEST(TradeoffCommand, RejectsInvalidOptionsBeforeItStarts) {
   const TempFolder folder;
-  EXPECT_THAT(haptrace("tradeoff").err, HasSubstr("needs path"));
+  EXPECT_THAT(haptrace("tradeoff").err, HasSubstr("needs PATH"));
   EXPECT_THAT(haptrace("tradeoff", "no.csv", "--device", kFalcon, "--budget", "error<=1").err, HasSubstr("its unit"));
   const std::string kept = folder.write("kept.json", "{}");
   const Answer answer = haptrace("tradeoff", "no.csv", "--device", kFalcon, "-o", kept);

@@ -75,7 +75,7 @@ TEST(View, SaysWhatIsWrongWithAFile) {
   EXPECT_THAT(missing.err, HasSubstr("none.h5"));
   const Answer nothing = haptrace("view");
   EXPECT_EQ(nothing.exit_code, 2);
-  EXPECT_THAT(nothing.err, HasSubstr("needs file"));
+  EXPECT_THAT(nothing.err, HasSubstr("needs FILE"));
 }
 
 TEST(View, RejectsOptionsThatNeedIt) {

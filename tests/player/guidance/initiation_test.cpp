@@ -148,7 +148,7 @@ TEST(Initiation, StaysWithinTheContinuousForceAndTheStableStiffnessOfTheDevice) 
   ASSERT_TRUE(plan.initiate);
   EXPECT_EQ(plan.initiate->max_force, 0.88);
   EXPECT_EQ(plan.initiate->stiffness, plan.largest_stiffness);
-  EXPECT_THAT(plan.notes, testing::Contains(HasSubstr("the back wall pushes with at most 0.88 N")));
+  EXPECT_THAT(plan.notes, testing::Contains(HasSubstr("the wall behind the hand pushes with at most 0.88 N")));
   options.guidance.cursor = true;
   EXPECT_THAT(error_of([&] { (void)plan_guidance(device->info(), source_of(reach()), options); }),
               HasSubstr("leave out --initiate"));

@@ -643,7 +643,11 @@ TEST_F(ProgrammeSession, NeverWritesIntoAFolderThatHoldsSomething) {
   const json programme = programme_of({R"("mode": "free")"});
   (void)run(programme);
   EXPECT_THAT(error_of([&] { (void)run(programme); }),
-              AllOf(HasSubstr("already contains a session"), HasSubstr("--resume")));
+              AllOf(HasSubstr("already contains a session"), HasSubstr("is complete; choose another folder")));
+  SessionLog log = load_session_log(options_.folder);
+  log.complete = false;
+  save_session_log(log, options_.folder);
+  EXPECT_THAT(error_of([&] { (void)run(programme); }), HasSubstr("resume it (haptrace run --resume "));
   options_.folder = temp_ / "other";
   std::filesystem::create_directory(options_.folder);
   (void)temp_.write("other/notes.txt", "mine");
