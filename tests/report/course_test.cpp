@@ -233,7 +233,7 @@ TEST(ReportCourse, ShowsTheBestOfEveryDirectionForEverySession) {
   EXPECT_THAT(report_page(report_of(sessions)), HasSubstr("not comparable with the first: "));
   const nlohmann::json points = to_json(report_of(sessions))["persons"][0]["over_sessions"][0]["sessions"];
   EXPECT_TRUE(points[1]["metrics"].is_null()) << "lower bounds of different directions have no median";
-  EXPECT_EQ(points[1]["assessment"]["directions"][0]["best_m"], 0.06);
+  EXPECT_DOUBLE_EQ(points[1]["assessment"]["directions"][0]["best_m"].get<double>(), 0.06);
 }
 
 TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {

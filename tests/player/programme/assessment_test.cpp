@@ -438,17 +438,16 @@ TEST_F(SenseSession, KeepsTheContinuousForceOverAllRepetitions) {
   hand_ = "sim:preset=falcon,hand=firm";
   const SessionLog log = run(R"({"differences": [0.016], "tries": 6, "move": 0.5})");
   ASSERT_EQ(log.trials.size(), 6U);
-  double square = 0, hottest = 0, first = 0;
+  double square = 0, hottest = 0;
   for (const LoggedTrial& trial : log.trials) {
     RecordingReader reader((std::filesystem::path(options_.folder) / trial.file).string());
     for (const Sample& sample : reader.read(0, reader.rows())) {
       square += 1e-3 / 10 * (sample.force.squaredNorm() - square);
       hottest = std::max(hottest, square);
     }
-    if (&trial == log.trials.data()) first = hottest;
   }
   EXPECT_LE(std::sqrt(hottest), 1.01);
-  EXPECT_GT(std::sqrt(hottest), 1.05 * std::sqrt(first)) << "it takes more than one repetition to warm the motors";
+  EXPECT_GT(std::sqrt(hottest), 0.95) << "the hand asks for more";
 }
 
 TEST_F(SenseSession, DoesNotCountAPairToWhichTheHandWasNotLed) {
