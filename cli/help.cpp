@@ -253,7 +253,7 @@ void accept_units(CLI::App& verb) {
 }
 
 std::string explained(const CLI::ParseError& error) {
-  const std::string text = error.what();
+  std::string text = error.what();
   const std::string_view cannot = "Could not convert: ", excludes = " excludes ";
   const std::size_t equals = text.find(" = ");
   if (text.starts_with(cannot) && equals != std::string::npos)

@@ -18,7 +18,6 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <ranges>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -419,9 +418,9 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   }
   require(verb, "--device");
   for (const std::string& note : device->notes) output.remark(note);
-  const auto asks = [&](std::size_t i) { return programme.exercise(i).sense.has_value(); };
-  const auto numbers = std::views::iota(std::size_t{0}, programme.size());
-  if (device->virtual_time && arguments.session.clock != "real" && std::ranges::any_of(numbers, asks))
+  bool asks = false;
+  for (std::size_t i = 0; i < programme.size(); ++i) asks |= programme.exercise(i).sense.has_value();
+  if (asks && device->virtual_time && arguments.session.clock != "real")
     output.warn({Severity::warning, "plan", kNaN,
                  "in virtual time a question does not wait for an answer: add --clock real to answer"});
 
