@@ -192,6 +192,7 @@ Verb add_calibrate(CLI::App& app) {
             const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
             check_profile_output(file, overwrite);
             const CalibrationPlan plan = plan_calibration(info, options);
+            note_limits(output, options.session, info);
             note_before(output, options.session, "device", info.notes);
             output.remark(announcement(plan, info));
 

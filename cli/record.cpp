@@ -114,6 +114,7 @@ Verb add_record(CLI::App& app) {
               notes = device.info().notes;
               notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
               for (std::string& note : notes_on_reach(options.session, device.info())) notes.push_back(std::move(note));
+              if (trial == 1 && options.session.touch.scene) note_limits(output, options.session, device.info());
               if (trial == 1) note_before(output, options.session, "plan", notes);
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };

@@ -306,8 +306,11 @@ void apply_config(CLI::App& verb, const nlohmann::json& config, const std::strin
   if (!config.is_object())
     throw input_error(fmt::format("{}: the configuration must be a JSON object of options", file));
   // The output of `info --json` has the configuration of a recording among other facts.
-  if (const auto recorded = config.find("config"); recorded != config.end() && recorded->is_object())
-    return apply_config(verb, *recorded, file + ": config");
+  if (const auto recorded = config.find("config"); recorded != config.end() && recorded->is_object()) {
+    nlohmann::json again = *recorded;
+    again.erase("overwrite");  // the file that it would replace is the one that it came from
+    return apply_config(verb, again, file + ": config");
+  }
   std::vector<std::string> known;
   std::vector<CLI::Option*> options;  // one per name
   for (CLI::Option* option : verb.get_options()) {

@@ -183,8 +183,12 @@ std::string obstacle(const Report& report, const ReportCourse::Point& from, cons
   for (const char* key : {"side", "hand"})
     if (meta_of(a, key) != meta_of(b, key)) return "the side changed";
   if (assistance_changed(exercise_of(report, from), exercise_of(report, to))) return "the assistance changed";
-  if (exercise_of(report, from).reach != exercise_of(report, to).reach)
-    return exercise_of(report, to).sense ? "the places changed" : "the force field, the clamp or the blocks changed";
+  const ReportExercise& exercise = exercise_of(report, to);
+  if (exercise_of(report, from).reach != exercise.reach)
+    return exercise.sense        ? "the places changed"
+           : exercise.assessment ? "the settings of the exercise changed"
+                                 : "the force field, the clamp or the blocks changed";
+  if (exercise.mode == "press" && a.force_limit != b.force_limit) return "the force limit changed";
   return "";
 }
 

@@ -188,9 +188,11 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
   static const std::set<std::string> kUnguided{"free", "recording", "reach", "range", "press", "track", "sense"};
   const bool guided = !kUnguided.contains(last.mode);
   set(add(parent, "p",
-          guided ? "These repetitions were guided. They show how the practice went, not what was learned: only tests "
-                   "without forces show that, above all a day or more later."
-                 : "These repetitions had no guidance."),
+          last.mode == "sense"   ? "In these repetitions the device moved the hand."
+          : last.mode == "press" ? "In these repetitions the device held the hand."
+          : guided ? "These repetitions were guided. They show how the practice went, not what was learned: only tests "
+                     "without forces show that, above all a day or more later."
+                   : "These repetitions had no guidance."),
       "class", "about");
   add_results(parent, report, person, course);
   if (!primary) return;

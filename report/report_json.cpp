@@ -200,7 +200,9 @@ json json_of_course(const ReportCourse& course, const Report& report) {
       if (&point != &course.points.front())
         metric["from_first"] = json_of_change(change_between(report, course.points.front(), point, i));
     }
+    const std::string why = obstacle(report, course.points.front(), point);
     points.push_back({{"session", report.sessions[point.session].source},
+                      {"not_comparable_with_first", why.empty() ? json(nullptr) : json(why)},
                       {"created", report.sessions[point.session].created},
                       {"exercise", exercise.name},
                       {"begun", exercise.trials.size()},

@@ -297,6 +297,11 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
                       plan.stiffness, options.session.loop.rate_hz, bears));
     plan.stiffness = bears;
   }
+  if (plan.stiffness > bears && !options.free)
+    plan.warnings.push_back(fmt::format(
+        "walls of {:.0f} N/m are stiffer than the device is stable with ({:.0f} N/m at {:.0f} Hz): they may "
+        "vibrate, and give more energy than the budget",
+        plan.stiffness, bears, options.session.loop.rate_hz));
   if (options.initiate && !options.free) plan.initiate = back_wall(device, *options.initiate, options, plan);
   if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
   if (options.force_scale > 0 && feels_contacts && !options.free)

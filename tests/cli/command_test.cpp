@@ -115,7 +115,10 @@ TEST(TheCommand, TakesTheWholeOutputOfInfoAsAConfiguration) {
                      folder / "a.h5", "--fit")
                 .exit_code,
             0);
-  const std::string config = folder.write("a.json", haptrace("info", folder / "a.h5", "--json").out);
+  nlohmann::json told = haptrace("info", folder / "a.h5", "--json").json();
+  told["config"]["overwrite"] = true;
+  const std::string config = folder.write("a.json", told.dump());
+  EXPECT_THAT(haptrace("play", "--config", config).err, HasSubstr("exists")) << "it does not replace its origin";
   const Answer again = haptrace("play", "--config", config, "--record", folder / "b.h5", "--json");
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_EQ(again.json()["gains"]["kp"][0], 900);

@@ -194,7 +194,7 @@ TEST(GuideCommand, RefusesOptionsWithoutEffectButNotThoseOfAConfiguration) {
     return Command(words).wait().err;
   };
   EXPECT_THAT(error({"--speed", "0.5"}), HasSubstr("--speed has no effect without --mode cursor"));
-  EXPECT_THAT(error({"--mode", "free", "--pace", "1"}), HasSubstr("--pace has no effect without --mode tunnel or"));
+  EXPECT_THAT(error({"--mode", "free", "--pace", "1"}), HasSubstr("--pace has no effect without --mode tunnel"));
   EXPECT_THAT(error({"--mode", "free", "--initiate"}), HasSubstr("--initiate has no effect"));
   EXPECT_THAT(error({"--pace-force", "2"}), HasSubstr("--pace-force has no effect without --pace: leave it out, or"));
   EXPECT_THAT(error({"--amplify-force", "2"}), HasSubstr("--amplify-force has no effect"));

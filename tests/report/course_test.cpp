@@ -232,8 +232,19 @@ TEST(ReportCourse, ShowsTheBestOfEveryDirectionForEverySession) {
   EXPECT_EQ(std::next(cells.begin())->second, (std::vector<std::string>{"\u2013", "\u2013", "\u2013"}));
   EXPECT_THAT(report_page(report_of(sessions)), HasSubstr("not comparable with the first: "));
   const nlohmann::json points = to_json(report_of(sessions))["persons"][0]["over_sessions"][0]["sessions"];
+  EXPECT_TRUE(points[1]["not_comparable_with_first"].is_null());
+  EXPECT_EQ(points[2]["not_comparable_with_first"], "the settings of the exercise changed");
   EXPECT_TRUE(points[1]["metrics"].is_null()) << "lower bounds of different directions have no median";
   EXPECT_DOUBLE_EQ(points[1]["assessment"]["directions"][0]["best_m"].get<double>(), 0.06);
+}
+
+TEST(ReportCourse, DoesNotComparePressesUnderAnotherForceLimit) {
+  std::vector<ReportSession> sessions{session_of("2026-03-02", {1e-3}), session_of("2026-03-03", {1e-3})};
+  for (ReportSession& session : sessions) session.exercises[0].mode = "press";
+  sessions[1].force_limit = 2;
+  const Report report = report_of(sessions);
+  const ReportCourse& course = report.persons[0].courses[0];
+  EXPECT_EQ(obstacle(report, course.points[0], course.points[1]), "the force limit changed");
 }
 
 TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {
