@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -128,11 +129,13 @@ nlohmann::json to_json(const SenseSummary& summary) {
 }
 
 std::vector<NamedResult> results_of(const SenseSummary& summary) {
-  if (!summary.fit) return {{"threshold", "undefined"}, {"bias", "undefined"}};
+  NamedResult answers{"answers", fmt::format("{}", summary.answers)};
+  if (!summary.fit) return {{"threshold", "undefined"}, {"bias", "undefined"}, std::move(answers)};
   const SenseFit& fit = *summary.fit;
   return {{"threshold", fmt::format("{:.1f} mm (95 % interval {:.1f} to {:.1f} mm)", 1e3 * fit.threshold, 1e3 * fit.low,
                                     1e3 * fit.high)},
-          {"bias", fmt::format("{:.1f} mm", 1e3 * fit.bias)}};
+          {"bias", fmt::format("{:.1f} mm", 1e3 * fit.bias)},
+          std::move(answers)};
 }
 
 std::string describe(const SenseSummary& summary) {

@@ -52,7 +52,7 @@ std::optional<SenseSummary> summarise_sense(const Programme& programme, std::siz
 
 nlohmann::json to_json(const SenseSummary& summary);
 
-/// Returns threshold and bias.
+/// Returns threshold, bias and the number of answers.
 std::vector<NamedResult> results_of(const SenseSummary& summary);
 
 /// Returns one line for users: "120 answers, 78 % right: threshold 4.1 mm, bias 0.3 mm".

@@ -60,7 +60,7 @@ void add_sessions(xml_node parent, const Report& report, const ReportPerson& per
   table.column("Median", true);
   table.column("Middle half", true);
   table.column("Change from the first", true);
-  table.column("What the change says");
+  table.column("Meaning of the change");
   for (const ReportCourse::Point& point : course.points) {
     const ReportExercise& exercise = exercise_of(report, point);
     const ReportSummary summary = summary_of(exercise, primary);

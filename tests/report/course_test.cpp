@@ -261,6 +261,7 @@ TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {
   const auto cells = results_over_sessions(report_of(sessions));
   EXPECT_EQ(cells.at("threshold"), (std::vector<std::string>{"\u2013", "4.1 mm (95 % interval 3.2 to 5.5 mm)"}));
   EXPECT_EQ(cells.at("bias"), (std::vector<std::string>{"\u2013", "\u22120.3 mm"}));
+  EXPECT_EQ(cells.at("answers"), (std::vector<std::string>{"120", "120"}));
 }
 
 TEST(ReportCourse, KeepsPersonsApartAndNamesThemInEveryRow) {
