@@ -37,8 +37,7 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
                                                                plan.places.size(), 1e3 * farthest_place(plan));
   return fmt::format(
       "calibrating {} for about {:.0f} s{}: it moves to the centre of its workspace, swings around it, sweeps along "
-      "each "
-      "axis ({}){}\n"
+      "each axis ({}){}\n"
       "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
       "rms per axis\n"
       "  {}\n"

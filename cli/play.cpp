@@ -139,6 +139,11 @@ double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
   return options.repetitions * (plan.path->duration() / options.speed + options.hold + 0.5);
 }
 
+/// Returns the largest gains with which the calibrated device is stable under the law of the plan.
+const PdGains& stability_limit(const PlayPlan& plan, const TrackingDesign& design) {
+  return plan.composed.observer ? design.largest : design.plain;
+}
+
 /// Returns the tunable parts of the session: its gains, and the terms of its law.
 LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play,
                      const DeviceInfo& device, StopRequest& stop) {
@@ -153,7 +158,7 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
   if (!arguments.tuning.expert) {
     options.limits = limits_of_unidentified(device.max_force, session.loop.rate_hz);
     if (play.identified) {
-      options.limits.largest = plan.composed.observer ? play.identified->design.largest : play.identified->design.plain;
+      options.limits.largest = stability_limit(plan, play.identified->design);
       if (plan.lqg) options.limits.largest = {kLqgRaise * plan.tuning.gains.kp, kLqgRaise * plan.tuning.gains.kd};
       options.limits.observer_hz = 2 * play.identified->design.load_hz;
       options.limits.because = plan.lqg ? "limit of an LQG law" : "stability limit of this device";
@@ -166,13 +171,11 @@ LiveTuning tuning_of(const PlayArguments& arguments, const PlayPlan& plan, const
 /// Returns a warning of given gains beyond those at which the calibrated device is stable, else an empty text.
 std::string beyond_stability(const PlayArguments& arguments, const PlayPlan& plan, const PlayOptions& play) {
   if (arguments.tuning.expert || !play.identified || (!play.gains && !play.impedance)) return "";
-  const TrackingDesign& design = play.identified->design;
-  const PdGains &gains = plan.tuning.gains, &most = plan.composed.observer ? design.largest : design.plain;
+  const PdGains &gains = plan.tuning.gains, &most = stability_limit(plan, play.identified->design);
   if ((gains.kp.array() <= most.kp.array()).all() && (gains.kd.array() <= most.kd.array()).all()) return "";
   return fmt::format(
       "the gains are above the stability limit of this device (kp {:.0f}, {:.0f}, {:.0f} N/m; kd {:.3g}, {:.3g}, "
-      "{:.3g} "
-      "N s/m): it may vibrate, which softens or ends the session",
+      "{:.3g} N s/m): it may vibrate, which softens or ends the session",
       most.kp.x(), most.kp.y(), most.kp.z(), most.kd.x(), most.kd.y(), most.kd.z());
 }
 

@@ -1,4 +1,4 @@
-// What sessions assume about a device without a profile, so that walls and scenes stay passive on it.
+// Assumptions about a device without a profile, with which walls and scenes stay passive on it.
 #pragma once
 
 namespace haptrace {

@@ -739,7 +739,7 @@ std::set<std::string> files_of(std::span<const std::string> inputs) {
 
 std::string ReportTrial::end_in_words() const {
   if (finished()) return "finished";
-  if (answer) return *answer == 0 && out_of_time() ? "no answer" : stopped_by;
+  if (answer == 0 && out_of_time()) return "no answer";
   if (out_of_time()) {
     static const std::size_t kCompletion = index_of("completion");
     const std::optional<double> share = kCompletion < figures.size() ? figures[kCompletion] : std::nullopt;

@@ -247,6 +247,18 @@ TEST(ReportCourse, DoesNotComparePressesUnderAnotherForceLimit) {
   EXPECT_EQ(obstacle(report, course.points[0], course.points[1]), "the force limit changed");
 }
 
+TEST(ReportTrial, SaysHowAPairOfPlacesEnded) {
+  const auto words = [](const std::string& stopped_by, int answer) {
+    ReportTrial trial = trial_of(1e-3, stopped_by);
+    trial.answer = answer;
+    return trial.end_in_words();
+  };
+  EXPECT_EQ(words("finished", 2), "finished");
+  EXPECT_EQ(words("time_over", 0), "no answer");
+  EXPECT_EQ(words("device_lost", 0), "device lost");
+  EXPECT_EQ(words("", 0), "unknown");
+}
+
 TEST(ReportCourse, ShowsTheThresholdOfEverySessionWithItsInterval) {
   std::vector<ReportSession> sessions;
   for (int i = 0; i < 2; ++i) {
