@@ -318,6 +318,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   GuideOptions options = options_of(arguments);
   refuse_useless_options(verb, arguments);
   refuse_unrecorded(verb, !arguments.record.empty());
+  refuse_useless(verb, std::to_array<Dependence>({{"--up", arguments.session.support > 0, "--support"}}));
   options.force_expected = verb.get_option("--force-scale")->count() > 0 || !arguments.expert_force.empty();
   std::vector<std::string> inputs = arguments.spread;
   inputs.push_back(arguments.expert);
@@ -443,6 +444,7 @@ Verb add_guide(CLI::App& app) {
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
+  arguments->session.add_support_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) { return guide_command(*verb, *arguments, output); }};
 }

@@ -354,6 +354,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   require(verb, "--device");
   PlayOptions options = options_of(arguments);
   refuse_unrecorded(verb, !arguments.record.empty());
+  refuse_useless(verb, std::to_array<Dependence>({{"--up", arguments.session.support > 0, "--support"}}));
   keep_inputs(arguments.record,
               std::array{arguments.path, arguments.gains, arguments.impedance, arguments.along.place.frame});
   options.session = arguments.session.options(arguments.record, effective_config(verb));
@@ -473,6 +474,7 @@ Verb add_play(CLI::App& app) {
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
+  arguments->session.add_support_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) { return play_command(*verb, *arguments, output); }};
 }

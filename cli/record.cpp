@@ -92,11 +92,13 @@ Verb add_record(CLI::App& app) {
   arguments->view.add_to(*verb);
   arguments->session.add_to(*verb);
   arguments->session.add_wait_to(*verb);
+  arguments->session.add_support_to(*verb);
 
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
             require(*verb, "--device");
-            refuse_useless(*verb, std::to_array<Dependence>({{"--pause", arguments->count > 1, "--count"}}));
+            refuse_useless(*verb, std::to_array<Dependence>({{"--pause", arguments->count > 1, "--count"},
+                                                             {"--up", arguments->session.support > 0, "--support"}}));
             RecordOptions options = options_of(*arguments, *verb);
 
             const std::vector<std::string> scene_notes = arguments->scene.apply(options.session);
@@ -114,7 +116,8 @@ Verb add_record(CLI::App& app) {
               notes = device.info().notes;
               notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
               for (std::string& note : notes_on_reach(options.session, device.info())) notes.push_back(std::move(note));
-              if (trial == 1 && options.session.touch.scene) note_limits(output, options.session, device.info());
+              if (trial == 1 && (options.session.touch.scene || options.session.support.force > 0))
+                note_limits(output, options.session, device.info());
               if (trial == 1) note_before(output, options.session, "plan", notes);
               if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
             };

@@ -10,6 +10,7 @@
 #include "cli/help.h"
 #include "cli/input_options.h"
 #include "cli/terminal.h"
+#include "control/path/path_change.h"
 #include "devices/device_spec.h"
 #include "devices/loop/recovering_device.h"
 
@@ -194,6 +195,16 @@ void SessionArguments::add_wait_to(CLI::App& app) {
       ->group("Safety");
 }
 
+void SessionArguments::add_support_to(CLI::App& app) {
+  app.add_option("--support", support, "part of the arm's weight that the device carries [N] (0: none)")
+      ->capture_default_str()
+      ->group("Arm");
+  app.add_option("--up", up, "direction upwards, for --support")
+      ->type_name("X,Y,Z")
+      ->capture_default_str()
+      ->group("Arm");
+}
+
 std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::string, std::string>>& extra) const {
   DeviceSpec spec = DeviceSpec::parse(device);
   const auto& backends = device_backends();
@@ -219,6 +230,10 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.loop.limits = limits;
   options.loop.realtime = !no_realtime;
   options.loop.away_timeout = wait_for_device;
+  options.support.force = support;
+  const Vec3 upwards = parse_vector(up, "1", "--up");
+  if (!(upwards.norm() > 0)) throw input_error("--up has no length, so it is no direction");
+  options.support.up = upwards.normalized();
   if (file.empty()) return options;
 
   // Formats of other programs, which could not read HDF5 under these names.
@@ -519,6 +534,7 @@ std::string session_summary(const SessionResult& result) {
   if (servo.returns > 0)
     text += fmt::format("  {:.3f} s without the device, which was lost and reconnected{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
+  if (result.support > 0) text += fmt::format("  the device carried {:.2g} N of the arm's weight\n", result.support);
   for (const TouchFigures& touch : result.touches)
     text += touch.times == 0
                 ? fmt::format("  {}: not touched\n", touch.name)

@@ -84,6 +84,8 @@ struct SessionArguments {
   std::optional<std::uint64_t> seed;
   SafetyLimits limits{.max_velocity = 1.5};
   double wait_for_device = 0;  ///< for verbs that can resume after a gap [s]
+  double support = 0;          ///< for verbs that can support the arm [N]
+  std::string up = "0,1,0";
   std::string title, subject, operator_name, notes, meta_file;
   std::vector<std::string> meta, mark_texts;
   std::string split, precision;
@@ -97,6 +99,8 @@ struct SessionArguments {
   void add_to(CLI::App& app);
   /// Adds --wait-for-device, for verbs whose sessions can resume after a gap.
   void add_wait_to(CLI::App& app);
+  /// Adds --support and --up, for verbs whose sessions can carry a part of the arm's weight.
+  void add_support_to(CLI::App& app);
 
   /// Opens the device. Adds --seed and the `extra` options to its description if its backend has these options. With
   /// wait_for_device, reopens the device whenever it is lost.

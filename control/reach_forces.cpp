@@ -32,6 +32,7 @@ ReachForces::ReachForces(const ReachGeometry& geometry, const Options& options)
   check_reach("the damping of the clamp", options.clamp->damping, 0, 1000, "N s/m");
   check_reach("the rise time of the clamp", options.clamp->rise, 0.05, 60, "s");
   check_reach("the break-out distance of the clamp", options.clamp->break_out, 1e-3, 1, "m");
+  check_reach("the time for which the clamp holds", options.clamp->holds, 0.1, 60, "s");
 }
 
 void ReachForces::begin() noexcept {

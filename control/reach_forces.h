@@ -19,6 +19,7 @@ struct ClampOptions {
   double rise = 1.5;        ///< time over which it comes on [s]
   double break_out = 0.03;  ///< distance from the line at which it goes off for the rest of the reach [m]
   bool locks = false;       ///< it also holds the hand along the line, in the start
+  double holds = 2;         ///< time for which its force may hold a hand at rest before it decays [s]
 };
 
 /// Computes the force of a reach at every tick. With p the position, v the estimated velocity, u the direction of the
@@ -38,7 +39,7 @@ struct ClampOptions {
 /// that it leaves to the field; damping takes overdrawn energy back. The force gives at most the content of the tank
 /// and a tick's work. A channel comes on only as far as the tank pays for the energy in its spring.
 ///
-/// A force that holds decays: after kHolds of a force beyond kHeld on a hand that is slower than kStill, h falls to 0
+/// A force that holds decays: after `holds` of a force beyond kHeld on a hand that is slower than kStill, h falls to 0
 /// within kDecay. It rises again over `rise` when the hand moves.
 ///
 /// A stale state is no state: at a first tick, after a gap and for values that are not finite, the force is zero.
@@ -46,9 +47,9 @@ struct ClampOptions {
 /// Real-time: all but the constructor. Threads: one at a time.
 class ReachForces {
  public:
-  static constexpr double kFall = 0.2;                          ///< [s]
-  static constexpr double kHolds = 2, kDecay = 1, kHeld = 0.5;  ///< [s], [s], [N]
-  static constexpr double kStill = 0.01, kMoves = 0.02;         ///< speeds of a hand at rest, and not [m/s]
+  static constexpr double kFall = 0.2;                   ///< [s]
+  static constexpr double kDecay = 1, kHeld = 0.5;       ///< [s], [N]
+  static constexpr double kStill = 0.01, kMoves = 0.02;  ///< speeds of a hand at rest, and not [m/s]
 
   struct Options {
     Eigen::Matrix3d field = Eigen::Matrix3d::Zero();  ///< B, in W [N s/m]; zero: none
@@ -78,7 +79,9 @@ class ReachForces {
   /// Counts the time for which a force has held a hand at rest anew.
   void hold_anew() noexcept { still_ = 0; }
   /// Returns true while a force that has held a hand for too long decays.
-  [[nodiscard]] bool lets_go() const noexcept { return still_ >= kHolds; }
+  [[nodiscard]] bool lets_go() const noexcept {
+    return still_ >= (options_.clamp ? *options_.clamp : ClampOptions{}).holds;
+  }
   /// Returns true if the hand broke out of the channel in this reach.
   [[nodiscard]] bool broken() const noexcept { return broken_; }
   [[nodiscard]] const EnergyTank& tank() const noexcept { return tank_; }

@@ -11,7 +11,7 @@ namespace haptrace {
 namespace {
 
 constexpr EnumNames<ReachKind, 3> kReachKinds{"kind of reach", {"plain", "catch", "clamp"}};
-constexpr EnumNames<ReachGoal, 4> kReachGoals{"goal of a reach", {"target", "range", "press", "track"}};
+constexpr EnumNames<ReachGoal, 5> kReachGoals{"goal of a reach", {"target", "range", "press", "track", "weigh"}};
 
 }  // namespace
 

@@ -27,6 +27,7 @@ enum class ReachGoal : std::uint8_t {
   range,   ///< move as far as possible in the direction of the target, and hold
   press,   ///< press against a lock in the start, in the direction of the target, as hard as possible
   track,   ///< follow a target that moves on the line from the start through the target
+  weigh,   ///< rest the arm on a lock in the start, which carries it; the target is straight below the start
 };
 
 const char* to_string(ReachGoal goal) noexcept;
@@ -68,7 +69,7 @@ struct ReachTrial {
   ReachGeometry geometry;
   ReachGoal goal = ReachGoal::target;
   double hold = 0.5;   ///< range: time for which the hand must stay at its farthest place [s]
-  double largest = 0;  ///< press: largest force that the lock has [N]; 0: the handle is locked, without a force
+  double largest = 0;  ///< press, weigh: largest force that the lock has [N]; 0: the handle is locked, without a force
   TrackSignal track;   ///< track: movement of the target
   Box workspace;       ///< range: where the device ends [m]; not finite: unknown
   ReachKind kind = ReachKind::plain;

@@ -123,59 +123,102 @@ std::optional<RangeFigures> range_figures(const Trial& trial, const ReachTrial& 
   return figures;
 }
 
-std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
-  const std::span<const Vec3> force = trial.measured.empty() ? trial.force : trial.measured;
-  if (force.empty()) return std::nullopt;
-  const Vec3 along = reach.geometry.along();
-  // Integral of the hand's force from the first row, by trapezoids [N s]; rows without a force are left out.
+namespace {
+
+/// Integral of the force of the hand along a direction, by trapezoids; rows without a force are left out.
+struct HandForce {
   std::vector<std::size_t> rows;
-  std::vector<double> integral;
+  std::vector<double> integral;  ///< from the first of these rows [N s]
+
+  /// Returns the time from entry `first` to entry `last` [s].
+  [[nodiscard]] double lasts(const Trial& trial, std::size_t first, std::size_t last) const {
+    return trial.time[rows[last]] - trial.time[rows[first]];
+  }
+};
+
+/// The force is the measured one if the trial has it, else the sent one, and opposite to that of the device.
+HandForce force_of_hand(const Trial& trial, const Vec3& along) {
+  const std::span<const Vec3> force = trial.measured.empty() ? trial.force : trial.measured;
+  HandForce hand;
   for (std::size_t i = 0; i < force.size(); ++i) {
     if (!is_finite(force[i])) continue;
-    if (rows.empty()) {
-      integral.push_back(0);
+    if (hand.rows.empty()) {
+      hand.integral.push_back(0);
     } else {
-      const std::size_t before = rows.back();
-      integral.push_back(integral.back() -
-                         0.5 * (force[i] + force[before]).dot(along) * (trial.time[i] - trial.time[before]));
+      const std::size_t before = hand.rows.back();
+      hand.integral.push_back(hand.integral.back() -
+                              0.5 * (force[i] + force[before]).dot(along) * (trial.time[i] - trial.time[before]));
     }
-    rows.push_back(i);
+    hand.rows.push_back(i);
   }
+  return hand;
+}
+
+/// Returns true if a lock had no more force in too many of the rows from `first` to `last`.
+bool was_limited(const Trial& trial, double largest, std::size_t first, std::size_t last) {
+  if (!(largest > 0) || trial.force.empty()) return false;
+  std::size_t limited = 0;
+  for (std::size_t i = first; i <= last; ++i)
+    limited += trial.force[i].norm() >= PressFigures::kNearLimit * largest ? 1 : 0;
+  return static_cast<double>(limited) > PressFigures::kLimited * static_cast<double>(last - first + 1);
+}
+
+}  // namespace
+
+std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
+  const HandForce hand = force_of_hand(trial, reach.geometry.along());
   std::optional<PressFigures> figures;
   std::size_t first_of_best = 0, last_of_best = 0;
   const auto consider = [&](std::size_t first, std::size_t last) {
-    const double lasts = trial.time[rows[last]] - trial.time[rows[first]];
+    const double lasts = hand.lasts(trial, first, last);
     if (!(lasts > 0)) return;
-    const double mean = (integral[last] - integral[first]) / lasts;
+    const double mean = (hand.integral[last] - hand.integral[first]) / lasts;
     if (figures && mean <= figures->force) return;
     figures = PressFigures{.force = mean, .refused = ""};
-    first_of_best = rows[first];
-    last_of_best = rows[last];
+    first_of_best = hand.rows[first];
+    last_of_best = hand.rows[last];
   };
   const auto each_window = [&](double window, std::size_t from) {
-    for (std::size_t first = 0, last = 0; last < rows.size(); ++last) {
-      const auto lasts = [&](std::size_t begin) { return trial.time[rows[last]] - trial.time[rows[begin]]; };
+    for (std::size_t first = 0, last = 0; last < hand.rows.size(); ++last) {
       // The shortest section that is as long as the window.
-      while (first + 1 < last && lasts(first + 1) >= window - 1e-9) ++first;
-      if (last >= from && lasts(first) >= window - 1e-9) consider(first, last);
+      while (first + 1 < last && hand.lasts(trial, first + 1, last) >= window - 1e-9) ++first;
+      if (last >= from && hand.lasts(trial, first, last) >= window - 1e-9) consider(first, last);
     }
   };
   each_window(PressFigures::kWindow, 0);
-  if (!spoiled.empty() && !rows.empty()) each_window(PressFigures::kBeforeBreak, rows.size() - 1);
+  if (!spoiled.empty() && !hand.rows.empty()) each_window(PressFigures::kBeforeBreak, hand.rows.size() - 1);
   if (!figures) return figures;
-  if (reach.largest > 0 && !trial.force.empty()) {
-    std::size_t limited = 0;
-    for (std::size_t i = first_of_best; i <= last_of_best; ++i)
-      limited += trial.force[i].norm() >= PressFigures::kNearLimit * reach.largest ? 1 : 0;
-    figures->at_limit =
-        static_cast<double>(limited) > PressFigures::kLimited * static_cast<double>(last_of_best - first_of_best + 1);
-  }
-  figures->at_limit = figures->at_limit || !spoiled.empty();
+  figures->at_limit = was_limited(trial, reach.largest, first_of_best, last_of_best) || !spoiled.empty();
   const double play = reach.largest > 0 ? 0 : largest_movement(trial.position);
   if (play > PressFigures::kLockedPlay)
     figures->refused = fmt::format("the handle moved by {:.0f} mm, so it was not locked", 1e3 * play);
   else if (figures->force < PressFigures::kLeast)
     figures->refused = "the hand did not press in this direction, or the sensor states the force with the other sign";
+  return figures;
+}
+
+std::optional<WeighFigures> weigh_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
+  const HandForce hand = force_of_hand(trial, reach.geometry.along());
+  if (hand.rows.empty()) return std::nullopt;
+  const std::size_t last = hand.rows.size() - 1;
+  std::size_t first = 0;
+  while (first + 1 < last && hand.lasts(trial, first + 1, last) >= WeighFigures::kWindow - 1e-9) ++first;
+  const double lasts = hand.lasts(trial, first, last);
+  // A lock that gave way under the arm ends the trial early, and its load is a lower bound.
+  if (!(lasts >= WeighFigures::kWindow - 1e-9) && (spoiled.empty() || !(lasts >= PressFigures::kBeforeBreak)))
+    return std::nullopt;
+  WeighFigures figures{
+      .weight = (hand.integral[last] - hand.integral[first]) / lasts,
+      .at_limit = was_limited(trial, reach.largest, hand.rows[first], hand.rows[last]) || !spoiled.empty(),
+      .refused = ""};
+  const std::span<const Vec3> window =
+      trial.position.empty()
+          ? trial.position
+          : std::span(trial.position).subspan(hand.rows[first], hand.rows[last] - hand.rows[first] + 1);
+  if (const double moved = largest_movement(window); moved > WeighFigures::kRests && !figures.at_limit)
+    figures.refused = fmt::format("the arm moved by {:.0f} mm, so it did not rest", 1e3 * moved);
+  else if (figures.weight < WeighFigures::kLeast)
+    figures.refused = "no arm rested on the device, or the sensor states the force with the other sign";
   return figures;
 }
 

@@ -1,4 +1,4 @@
-// Metrics of assessments with a cue: range of motion, maximum force, tracking.
+// Metrics of assessments with a cue: range of motion, maximum force, tracking, weight of the arm.
 #pragma once
 
 #include "control/reaching.h"
@@ -50,11 +50,23 @@ struct TrackFigures {
   static constexpr double kEarliest = -0.5, kLatest = 1.5;  ///< delays that are tried [s]
 };
 
-/// Compute the metrics of a trial whose goal is range, press or track, from samples as they were recorded. The trial
-/// begins with the cue. Nothing if the trial is too short for the metric, or has no positions or forces. `spoiled` says
-/// why a lock did not act as planned; empty if it did. Throw nothing.
+/// How heavy an arm rested on a lock.
+struct WeighFigures {
+  double weight = 0;      ///< mean over the last kWindow of the force of the hand straight down, as in PressFigures [N]
+  bool at_limit = false;  ///< the device had no more force, or gave way: the arm may be heavier
+  std::string refused;    ///< why `weight` is no result; else empty
+
+  static constexpr double kWindow = 3;    ///< [s]
+  static constexpr double kRests = 0.01;  ///< largest movement of an arm that rests [m]
+  static constexpr double kLeast = 0.2;   ///< of a result [N]
+};
+
+/// Compute the metrics of a trial whose goal is range, press, track or weigh, from samples as they were recorded. The
+/// trial begins with the cue. Nothing if the trial is too short for the metric, or has no positions or forces.
+/// `spoiled` says why a lock did not act as planned; empty if it did. Throw nothing.
 std::optional<RangeFigures> range_figures(const Trial& trial, const ReachTrial& reach);
 std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled = "");
 std::optional<TrackFigures> track_figures(const Trial& trial, const ReachTrial& reach);
+std::optional<WeighFigures> weigh_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled = "");
 
 }  // namespace haptrace

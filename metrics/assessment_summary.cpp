@@ -46,13 +46,27 @@ std::optional<double> mean_figure(const std::vector<const LoggedTrial*>& trials,
 }
 
 const char* figure_of(ReachGoal goal) {
-  return goal == ReachGoal::range ? "range_m" : goal == ReachGoal::press ? "press_force_n" : "tracking_rms_m";
+  return goal == ReachGoal::range   ? "range_m"
+         : goal == ReachGoal::press ? "press_force_n"
+         : goal == ReachGoal::weigh ? "arm_weight_n"
+                                    : "tracking_rms_m";
+}
+
+/// Returns true if a goal has results by direction.
+bool has_directions(ReachGoal goal) {
+  return goal == ReachGoal::range || goal == ReachGoal::press;
+}
+
+/// Returns true if a trial counts in results: the participant did it, attended.
+bool counts(const LoggedTrial& trial) {
+  return trial.reach && trial.done() && trial.input.empty() && !trial.unattended;
 }
 
 }  // namespace
 
 bool AssessmentSummary::at_limit() const {
-  return std::any_of(directions.begin(), directions.end(), [](const DirectionSummary& one) { return one.at_limit; });
+  return heavier ||
+         std::any_of(directions.begin(), directions.end(), [](const DirectionSummary& one) { return one.at_limit; });
 }
 
 std::optional<AssessmentSummary> summarise_assessment(const Programme& programme, std::size_t i,
@@ -60,17 +74,19 @@ std::optional<AssessmentSummary> summarise_assessment(const Programme& programme
   const Exercise& exercise = programme.exercise(i);
   if (!exercise.reach || exercise.reach->goal == ReachGoal::target) return std::nullopt;
   const ReachTask& task = *exercise.reach;
-  AssessmentSummary summary{.goal = task.goal, .directions = {}, .area = {}, .rms = {}, .gain = {}, .delay = {}};
-  if (task.goal != ReachGoal::track)
+  AssessmentSummary summary{
+      .goal = task.goal, .directions = {}, .area = {}, .rms = {}, .gain = {}, .delay = {}, .weight = {}};
+  if (has_directions(task.goal))
     for (std::size_t target = 0; target < task.targets.size(); ++target)
       summary.directions.push_back({.angle = angle_of(task, target), .best = {}});
   std::vector<const LoggedTrial*> trials;
   for (const LoggedTrial& trial : log.trials) {
-    if (trial.exercise != i || !trial.reach || !trial.done() || !trial.input.empty() || trial.unattended) continue;
+    if (trial.exercise != i || !counts(trial)) continue;
     const std::optional<double> value = figure_in(trial.figures, figure_of(task.goal));
     if (!value) continue;
     trials.push_back(&trial);
-    if (task.goal == ReachGoal::track) continue;
+    if (task.goal == ReachGoal::weigh) summary.heavier = summary.heavier || trial.figures.contains("at_limit");
+    if (!has_directions(task.goal)) continue;
     DirectionSummary& direction = summary.directions.at(static_cast<std::size_t>(trial.reach->target));
     ++direction.tries;
     if (direction.best && *value <= *direction.best) continue;
@@ -84,7 +100,21 @@ std::optional<AssessmentSummary> summarise_assessment(const Programme& programme
     summary.gain = mean_figure(trials, "tracking_gain");
     summary.delay = mean_figure(trials, "tracking_delay_s");
   }
+  if (task.goal == ReachGoal::weigh) summary.weight = mean_figure(trials, figure_of(task.goal));
   return summary;
+}
+
+std::optional<double> weight_of_arm(const Programme& programme, const SessionLog& log) {
+  std::size_t end = log.trials.size();
+  for (auto sitting = log.sittings.rbegin(); sitting != log.sittings.rend(); ++sitting) {
+    std::vector<const LoggedTrial*> trials;
+    for (std::size_t i = sitting->first_trial; i < end; ++i)
+      if (programme.exercise(log.trials[i].exercise).mode == ExerciseMode::weigh && counts(log.trials[i]))
+        trials.push_back(&log.trials[i]);
+    if (const std::optional<double> weight = mean_figure(trials, figure_of(ReachGoal::weigh))) return weight;
+    end = sitting->first_trial;
+  }
+  return std::nullopt;
 }
 
 nlohmann::json to_json(const AssessmentSummary& summary) {
@@ -93,6 +123,11 @@ nlohmann::json to_json(const AssessmentSummary& summary) {
     json["rms_m"] = json_of_number(summary.rms);
     json["gain"] = json_of_number(summary.gain);
     json["delay_s"] = json_of_number(summary.delay);
+    return json;
+  }
+  if (summary.goal == ReachGoal::weigh) {
+    json["weight_n"] = json_of_number(summary.weight);
+    json["at_limit"] = summary.at_limit();
     return json;
   }
   const char* const key = summary.goal == ReachGoal::range ? "best_m" : "best_n";
@@ -117,6 +152,8 @@ std::vector<NamedResult> results_of(const AssessmentSummary& summary) {
     return {{"rms error", text(summary.rms, 1e3, 1, " mm")},
             {"gain", text(summary.gain, 1, 2, "")},
             {"delay", text(summary.delay, 1e3, 0, " ms")}};
+  if (summary.goal == ReachGoal::weigh)
+    return {{"weight of the arm", (summary.at_limit() ? ">= " : "") + text(summary.weight, 1, 2, " N")}};
   std::vector<NamedResult> results;
   const bool range = summary.goal == ReachGoal::range;
   for (std::size_t i = 0; i < summary.directions.size(); ++i) {
@@ -135,7 +172,7 @@ std::vector<std::string> describe(const AssessmentSummary& summary) {
   if (summary.trials == 0) return {"no trial with a metric"};
   const std::vector<NamedResult> results = results_of(summary);
   std::vector<std::string> lines;
-  if (summary.goal == ReachGoal::track) {
+  if (!has_directions(summary.goal)) {
     for (const NamedResult& one : results) lines.push_back(fmt::format("{} {}", one.name, one.value));
     return {fmt::format("{} trial{}: {}", summary.trials, summary.trials == 1 ? "" : "s", fmt::join(lines, ", "))};
   }

@@ -20,8 +20,8 @@ struct DirectionSummary {
   bool at_limit = false;       ///< of the best one: the person may be capable of more
 };
 
-/// Results of an exercise in mode range, press or track. Trials by a person who steered a simulated hand, and those
-/// that were softened because nobody attended, do not count.
+/// Results of an exercise in mode range, press, track or weigh. Trials by a person who steered a simulated hand, and
+/// those that were softened because nobody attended, do not count.
 struct AssessmentSummary {
   ReachGoal goal = ReachGoal::range;
   std::size_t trials = 0;                    ///< with a metric
@@ -30,13 +30,19 @@ struct AssessmentSummary {
   /// least three [m^2]. With a direction at a limit, the person's area may be larger.
   std::optional<double> area;
   std::optional<double> rms, gain, delay;  ///< tracking: means over the trials [m], [1], [s]
+  std::optional<double> weight;            ///< of the arm: mean over the trials [N]
+  bool heavier = false;                    ///< the arm may be heavier
 
-  /// Returns true if any direction is at a limit.
+  /// Returns true if any direction is at a limit, or the weight.
   [[nodiscard]] bool at_limit() const;
 };
 
 /// Returns the results of exercise `i`; nothing if it is in another mode.
 std::optional<AssessmentSummary> summarise_assessment(const Programme& programme, std::size_t i, const SessionLog& log);
+
+/// Returns the weight of the arm that the newest sitting with such a result measured: the mean over its trials in mode
+/// weigh [N]; nothing without one.
+std::optional<double> weight_of_arm(const Programme& programme, const SessionLog& log);
 
 nlohmann::json to_json(const AssessmentSummary& summary);
 

@@ -291,7 +291,7 @@ constexpr TrialFigure kFigures[] = {
      "Largest distance from the start, along the direction of the trial, that the hand kept for the hold (usually 0.5 "
      "s). "
      "At the end of the workspace it is a lower bound.",
-     kUnfiltered},
+     kUnfiltered, true},
     {"press_force_n", "maximum force", "N", 1, 2, 1,
      [](const TrialFigures& f) {
        return f.press && f.press->refused.empty() ? std::optional(f.press->force) : std::nullopt;
@@ -299,7 +299,17 @@ constexpr TrialFigure kFigures[] = {
      "Largest mean over 0.5 s of the force of the hand along the direction of the trial: measured if the device has a "
      "force sensor, else as the device sent it to hold the hand. It is a lower bound if the device had no more force, "
      "or gave way.",
-     kUnfiltered},
+     kUnfiltered, true},
+    {"arm_weight_n", "weight of the arm", "N", 1, 2, 0,
+     [](const TrialFigures& f) {
+       return f.weigh && f.weigh->refused.empty() ? std::optional(f.weigh->weight) : std::nullopt;
+     },
+     "Mean over the last 3 s of the force with which an arm that rests on the device presses straight down: measured "
+     "if "
+     "the device has a force sensor, else as the device sent it to hold the hand. It is a lower bound if the device "
+     "had "
+     "no more force, or gave way. It is the part of the arm's weight that lies on the handle.",
+     kUnfiltered, true},
     {"sense_difference_m", "difference of the places", "mm", 1e3, 1, 0,
      [](const TrialFigures& f) { return f.difference; },
      "Of a pair of places to which the device moved the hand: distance of the second one less the first one, from the "
@@ -369,6 +379,11 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   if (header.config.is_object() && header.config.contains("sense"))
     sense = sense_pair_from(JsonReader(header.config["sense"], file + ": sense"));
 
+  Vec3 support = Vec3::Zero();
+  if (const double force = configured(header.config, "support", 0.0); force > 0)
+    support =
+        force * parse_vector(configured<std::string>(header.config, "up", "0,1,0"), "1", file + ": up").normalized();
+
   std::vector<RecordedTrial> trials;
   // A reach whose cue never came has no rows.
   if (reach && runs == 0) trials.push_back({.kind = TrialKind::reach, .reach = reach});
@@ -385,7 +400,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
                           .repetition = static_cast<int>(trials.size()) + 1,
                           .force_scale = scale,
                           .reach = reach,
-                          .sense = sense});
+                          .sense = sense,
+                          .support = support});
         in_trial = true;
       }
       RecordedTrial& trial = trials.back();
@@ -405,7 +421,8 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
       }
       if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
     }
-  if (reach && (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press)) {
+  if (reach &&
+      (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press || reach->goal == ReachGoal::weigh)) {
     const std::vector<StoredEvent> events = reader.events();
     for (RecordedTrial& trial : trials) trial.spoiled = spoiled_by(events, trial);
   }
@@ -426,7 +443,7 @@ std::optional<double> helped_share(const RecordedTrial& trial, const Polyline& c
     const double distance = (trial.position[i] - curve.at(arc[i])).norm();
     if (trial.time[i] - trial.time.front() < kFading || !(distance <= trial.radius[i]) || !std::isfinite(arc[i]))
       continue;
-    Vec3 force = trial.force[i];
+    Vec3 force = trial.force[i] - trial.support;
     if (!trial.expert.empty() && trial.expert[i].allFinite()) force -= trial.force_scale * trial.expert[i];
     const Vec3 tangent = (curve.at(arc[i] + kChord) - curve.at(arc[i] - kChord)).normalized();
     const double step = trial.time[i + 1] - trial.time[i];
@@ -463,6 +480,13 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
 
 namespace {
 
+/// Returns forces less one that acted all the time.
+std::vector<Vec3> without(std::vector<Vec3> forces, const Vec3& steady) {
+  if (!steady.isZero(0))
+    for (Vec3& force : forces) force -= steady;
+  return forces;
+}
+
 /// Computes the metrics of shape and force along the path, of a trial that was aligned with it.
 void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const TrialPath& path,
                       const PathAlignment& alignment, bool walks) {
@@ -479,8 +503,9 @@ void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const T
   if (walks && guided && trial.force_scale != 0 && !path.expert.empty() && !trial.force.empty()) {
     std::vector<Vec3> expert = path.expert;
     for (Vec3& force : expert) force *= trial.force_scale;
-    figures.force_error =
-        force_deviation(force_by_arc_length(alignment.arc, trial.force, length, path.spacing, alignment.jumps), expert);
+    figures.force_error = force_deviation(
+        force_by_arc_length(alignment.arc, without(trial.force, trial.support), length, path.spacing, alignment.jumps),
+        expert);
   }
 }
 
@@ -519,11 +544,17 @@ std::optional<double> difference_of(const RecordedTrial& trial, const SensePair&
 void add_reach_figures(TrialFigures& figures, const RecordedTrial& trial, const Trial& samples) {
   const ReachTrial& reach = *trial.reach;
   switch (reach.goal) {
-    case ReachGoal::target:
-      figures.reach = reach_figures(samples, reach, trial.spoiled);
+    case ReachGoal::target: {
+      const std::vector<Vec3> force = without(trial.force, trial.support),
+                              measured = without(trial.measured, trial.support);
+      Trial unsupported = samples;
+      unsupported.force = force;
+      unsupported.measured = measured;
+      figures.reach = reach_figures(unsupported, reach, trial.spoiled);
       figures.reach_kind = reach.kind;
       figures.completion = completion_of_reach(reach.geometry, trial.position);
       break;
+    }
     case ReachGoal::range:
       figures.range = range_figures(samples, reach);
       break;
@@ -532,6 +563,9 @@ void add_reach_figures(TrialFigures& figures, const RecordedTrial& trial, const 
       break;
     case ReachGoal::track:
       figures.track = track_figures(samples, reach);
+      break;
+    case ReachGoal::weigh:
+      figures.weigh = weigh_figures(samples, reach, trial.spoiled);
       break;
   }
 }
@@ -577,7 +611,8 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
                       1e3 * std::abs(*figures.difference), 1e3 * std::abs(trial.sense->difference));
   }
   figures.peak_force = peak_of(trial.force);
-  if (!trial.reach || trial.reach->goal != ReachGoal::press) figures.movement = movement_figures(samples, movement);
+  const bool held = trial.reach && (trial.reach->goal == ReachGoal::press || trial.reach->goal == ReachGoal::weigh);
+  if (!held) figures.movement = movement_figures(samples, movement);
   return figures;
 }
 
@@ -602,12 +637,15 @@ nlohmann::json to_json(const TrialFigures& figures) {
   }
   const std::string refused = figures.reach   ? figures.reach->refused
                               : figures.press ? figures.press->refused
+                              : figures.weigh ? figures.weigh->refused
                                               : figures.refused_pair;
   if (!refused.empty()) json["refused"] = refused;
   if (figures.range && figures.range->at_limit)
     json["at_limit"] = "the hand was at the end of the workspace: the person may come farther";
   if (figures.press && figures.press->at_limit && figures.press->refused.empty())
     json["at_limit"] = "the device had no more force, or gave way: the person may be stronger";
+  if (figures.weigh && figures.weigh->at_limit && figures.weigh->refused.empty())
+    json["at_limit"] = "the device had no more force, or gave way: the arm may be heavier";
   return json;
 }
 

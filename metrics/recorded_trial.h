@@ -43,6 +43,7 @@ struct RecordedTrial {
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
   std::optional<ReachTrial> reach;  ///< its places and field
   std::optional<SensePair> sense;   ///< where it shows the two places of a pair
+  Vec3 support = Vec3::Zero();      ///< part of the sent force that carried the arm's weight [N]
   std::string spoiled;              ///< why a clamp or a lock did not act as planned; empty otherwise
 };
 
@@ -88,6 +89,7 @@ struct TrialFigures {
   std::optional<RangeFigures> range;  ///< of a range of motion
   std::optional<PressFigures> press;  ///< of a press against a lock
   std::optional<TrackFigures> track;  ///< of tracking
+  std::optional<WeighFigures> weigh;  ///< of an arm that rests on a lock
   std::optional<double> difference;   ///< of a pair: distance of the second place less the first one [m]
   std::string refused_pair;           ///< why a pair does not count; else empty
   ReachKind reach_kind = ReachKind::plain;
@@ -114,8 +116,9 @@ struct TrialFigure {
   int digits;         ///< decimals shown to users
   int better;         ///< -1: less is better; 1: more is; 0: neither
   std::optional<double> (*value)(const TrialFigures& figures);
-  const char* meaning;  ///< definition and source, for users
-  const char* filter;   ///< filter of the samples, in words
+  const char* meaning;   ///< definition and source, for users
+  const char* filter;    ///< filter of the samples, in words
+  bool limited = false;  ///< a device may end before the person does: then the metric is a lower bound
 };
 
 /// Returns every metric, in the order of reports.

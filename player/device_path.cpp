@@ -3,6 +3,7 @@
 #include "base/error.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 #include <functional>
 
@@ -84,6 +85,15 @@ double distance_outside(const PathSource& path, const Box& workspace) {
 
 Box workspace_of(const DeviceInfo& device) {
   return {device.workspace_min, device.workspace_max};
+}
+
+void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what) {
+  constexpr double kOnAxis = 0.1;  // least part of a direction on an axis that needs a motor there
+  for (int axis = 0; axis < 3; ++axis)
+    if (std::abs(direction[axis]) > kOnAxis && !device.force_axes[static_cast<std::size_t>(axis)])
+      throw input_error(
+          fmt::format("{} has no motor along {}, which {} needs: choose another direction, or another device",
+                      device.model, "xyz"[axis], what));
 }
 
 DevicePath path_for(const DeviceInfo& device, std::shared_ptr<const PathSource> path, bool fit) {

@@ -6,6 +6,7 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 
 namespace haptrace {
 
@@ -25,5 +26,8 @@ struct DevicePath {
 DevicePath path_for(const DeviceInfo& device, std::shared_ptr<const PathSource> path, bool fit);
 
 Box workspace_of(const DeviceInfo& device);
+
+/// Throws Error(input) if the device has no motor along a direction, a unit vector; `what` needs it.
+void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what);
 
 }  // namespace haptrace

@@ -12,6 +12,7 @@
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
 #include "metrics/touches.h"
+#include "player/supporting_controller.h"
 #include "player/touching_controller.h"
 #include "player/tuning/live_monitor.h"
 #include "recorder/recorder.h"
@@ -286,9 +287,18 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   ServoLoop::validate(info, loop_options);
   const auto estimator = make_velocity_estimator(options.velocity, options.loop.rate_hz, info.position_resolution);
   result.warnings = options.known;
+  std::optional<SupportingController> supporting;
+  SupportPlan plan;
+  if (options.support.force != 0) {
+    plan = plan_support(info, options);
+    supporting.emplace(controller, plan.support, options.touch);
+    result.support = plan.support.force;
+    loop_options.limits.release = std::max(loop_options.limits.release, kSupportedRelease);
+  }
+  Controller& inner = supporting ? static_cast<Controller&>(*supporting) : controller;
   std::optional<TouchingController> touching;
   if (options.touch.scene) {
-    touching.emplace(controller, options.touch, info, options.loop.rate_hz);
+    touching.emplace(inner, options.touch, info, options.loop.rate_hz);
     columns.contacts = true;
     std::ranges::move(known_warnings(Severity::note, "scene", options.touch.scene->notes()),
                       std::back_inserter(result.warnings));
@@ -297,7 +307,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
                                        notes_on_prediction(*options.touch.scene, options.touch.slow->prediction)),
                         std::back_inserter(result.warnings));
   }
-  Controller& acting = touching ? static_cast<Controller&>(*touching) : controller;
+  Controller& acting = touching ? static_cast<Controller&>(*touching) : inner;
   LiveMonitor monitor;
   EventTally tally;
   std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
@@ -311,6 +321,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   if (options.recording) {
     RecordingHeader header = header_for(options, info, result.virtual_time);
     if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
+    if (supporting) header.config["support"] = result.support;
     recorder.emplace(options.recording->file, header, columns, options.recording->options);
     sinks.push_back(&*recorder);
   }
@@ -322,6 +333,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
 
   StopRequest ours(&stop);
   Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
+  for (Warning& warning : known_warnings(Severity::warning, "support", plan.warnings)) watch.warn(std::move(warning));
   std::timed_mutex looking;  // protects the list of warnings from the watchdog
   const auto look = [&] {
     const std::scoped_lock lock(looking);
@@ -445,6 +457,7 @@ nlohmann::json to_json(const SessionResult& result) {
   json["warnings"] = json_of(result.warnings);
   for (const Warning& warning : result.warnings) json["notices"].push_back(warning.text);
   json["gain_share"] = result.gain_share;
+  if (result.support > 0) json["support_n"] = result.support;
   if (!result.recording_error.empty()) json["recording_error"] = result.recording_error;
   return json;
 }

@@ -80,6 +80,12 @@ struct TouchOptions {
   bool rests_in_pause = false;                   ///< a pause that they ask for fades the scene's force out
 };
 
+/// Support of the arm in a session, beside what its controller does (ArmSupport).
+struct SupportOptions {
+  double force = 0;         ///< part of the arm's weight that the device carries [N]; 0: none
+  Vec3 up = Vec3::UnitY();  ///< unit vector upwards, in W
+};
+
 struct SessionOptions {
   ServoOptions loop;  ///< `clock` decides about its virtual time
   ClockChoice clock = ClockChoice::automatic;
@@ -89,6 +95,7 @@ struct SessionOptions {
   SessionObserver* observer = nullptr;             ///< borrowed; null: none
   FollowedPath followed;                           ///< for the observer; play() and guide() fill it
   TouchOptions touch;  ///< what the hand can touch; record(), play() and guide() fill its last three
+  SupportOptions support;
 
   struct Recording {
     std::string file;
@@ -136,6 +143,7 @@ struct SessionResult {
   ZeroForce zero_force = ZeroForce::confirmed;  ///< known state of the motors after the session
   std::vector<TouchFigures> touches;            ///< contact metrics of each touchable object of the scene
   std::vector<Warning> warnings;                ///< all warnings; one for each kind of event
+  double support = 0;                           ///< force that carried the arm, once it had risen [N]
   double gain_share = 1;                        ///< share of the feedback gains in force at the end, after softening
 
   /// Adds a warning after the session.
@@ -154,9 +162,10 @@ using Progress = std::function<void(const SessionView&)>;
 
 /// Runs one session to its end, with the loop and the recorder in threads of their own. `columns.reference` and
 /// `columns.guidance` say which columns the controller fills; the device and the scene determine the others. The force
-/// of the scene in `options.touch` is added to that of `controller` (TouchingController). Zero force has been sent when
-/// the function returns or throws. Throws what ServoLoop, Recorder, make_velocity_estimator and make_scene_controller
-/// throw before the first tick; the result reports later errors.
+/// of the scene in `options.touch` and the support of the arm are added to that of `controller` (TouchingController,
+/// SupportingController). Zero force has been sent when the function returns or throws. Throws what ServoLoop,
+/// Recorder, make_velocity_estimator, make_scene_controller and plan_support throw before the first tick; the result
+/// reports later errors.
 SessionResult run_session(Device& device, Controller& controller, RecordingColumns columns,
                           std::span<SampleSink* const> sinks, const SessionOptions& options, const StopRequest& stop,
                           const Progress& progress = {});

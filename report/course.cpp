@@ -51,7 +51,12 @@ bool assistance_changed(const ReportExercise& a, const ReportExercise& b) {
     const double x = typical(a, setting), y = typical(b, setting);
     if (std::isnan(x) != std::isnan(y) || std::abs(x - y) > kSame * std::max(std::abs(x), std::abs(y))) return true;
   }
-  return false;
+  // A share of a weight that is measured anew differs a little from day to day.
+  constexpr double kSameSupport = 0.2;
+  double x = typical(a, &ReportTrial::support), y = typical(b, &ReportTrial::support);
+  if (std::isnan(x)) x = 0;
+  if (std::isnan(y)) y = 0;
+  return std::abs(x - y) > kSameSupport * std::max(x, y);
 }
 
 /// Returns the courses of one participant.
@@ -188,7 +193,8 @@ std::string obstacle(const Report& report, const ReportCourse::Point& from, cons
     return exercise.sense        ? "the places changed"
            : exercise.assessment ? "the settings of the exercise changed"
                                  : "the force field, the clamp or the blocks changed";
-  if (exercise.mode == "press" && a.force_limit != b.force_limit) return "the force limit changed";
+  if ((exercise.mode == "press" || exercise.mode == "weigh") && a.force_limit != b.force_limit)
+    return "the force limit changed";
   return "";
 }
 

@@ -41,6 +41,7 @@ std::string settings_in_words(const ReportExercise& exercise) {
   add_setting("pace", &ReportTrial::pace, 1, 2, "");
   add_setting("assistance allowed", &ReportTrial::assistance, 100, 0, " %");
   add_setting("level", &ReportTrial::level, 1, 2, "");
+  add_setting("support of the arm", &ReportTrial::support, 1, 1, " N");
   return parts.empty() ? "no guidance" : fmt::format("{}", fmt::join(parts, ", "));
 }
 
@@ -185,11 +186,12 @@ void add_course(xml_node parent, const Report& report, const ReportPerson& perso
   // The name of a recording without a title is that of its file, which says nothing about several of them.
   const std::string name = last.task || last.path.empty() ? last.name : last.path;
   add(parent, heading, fmt::format("Over sessions: {}{}", name, last.test.empty() ? "" : " (" + last.test + ")"));
-  static const std::set<std::string> kUnguided{"free", "recording", "reach", "range", "press", "track", "sense"};
+  static const std::set<std::string> kUnguided{"free",  "recording", "reach", "range",
+                                               "press", "track",     "weigh", "sense"};
   const bool guided = !kUnguided.contains(last.mode);
   set(add(parent, "p",
-          last.mode == "sense"   ? "In these repetitions the device moved the hand."
-          : last.mode == "press" ? "In these repetitions the device held the hand."
+          last.mode == "sense"                           ? "In these repetitions the device moved the hand."
+          : last.mode == "press" || last.mode == "weigh" ? "In these repetitions the device held the hand."
           : guided ? "These repetitions were guided. They show how the practice went, not what was learned: only tests "
                      "without forces show that, above all a day or more later."
                    : "These repetitions had no guidance."),

@@ -43,10 +43,10 @@ class TableRow {
 std::string report_table(const Report& report) {
   TableRow header;
   for (const char* name :
-       {"session", "subject",  "created",           "exercise",   "mode",  "test",       "warm_up",
-        "path",    "round",    "repetition",        "attempt",    "began", "file",       "stopped_by",
-        "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level", "duration_s", "samples",
-        "rank",    "reach",    "at_limit",          "answer"})
+       {"session", "subject",  "created",           "exercise",   "mode",     "test",       "warm_up",
+        "path",    "round",    "repetition",        "attempt",    "began",    "file",       "stopped_by",
+        "pace",    "radius_m", "stiffness_n_per_m", "assistance", "level",    "duration_s", "samples",
+        "rank",    "reach",    "at_limit",          "answer",     "support_n"})
     header.add(name);
   for (const TrialFigure& figure : all_trial_figures()) header.add(figure.name);
   std::string table = std::move(header).end();
@@ -69,6 +69,7 @@ std::string report_table(const Report& report) {
         row.add(trial.target);
         row.add_count(trial.at_limit ? 1 : 0);
         row.add(trial.answer ? fmt::format("{}", *trial.answer) : "");
+        row.add_number(trial.support);
         for (const std::optional<double>& figure : trial.figures) row.add_number(figure);
         table += std::move(row).end();
       }

@@ -82,7 +82,8 @@ bool changes(const ReportExercise& exercise) {
   };
   return std::any_of(exercise.trials.begin(), exercise.trials.end(), [&](const ReportTrial& trial) {
     return differs(trial.pace, first.pace) || differs(trial.radius, first.radius) ||
-           differs(trial.stiffness, first.stiffness) || differs(trial.assistance, first.assistance);
+           differs(trial.stiffness, first.stiffness) || differs(trial.assistance, first.assistance) ||
+           differs(trial.support, first.support);
   });
 }
 
@@ -93,17 +94,12 @@ struct Setting {
   double scale;
   int digits;
 };
-constexpr std::array<Setting, 5> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
+constexpr std::array<Setting, 6> kSettings{{{"radius (mm)", &ReportTrial::radius, 1e3, 1},
                                             {"stiffness (N/m)", &ReportTrial::stiffness, 1, 0},
                                             {"pace", &ReportTrial::pace, 1, 2},
                                             {"assistance allowed (%)", &ReportTrial::assistance, 100, 0},
-                                            {"level", &ReportTrial::level, 1, 2}}};
-
-/// Returns whether the device limits a metric in trials `at_limit`.
-bool is_limited(std::size_t figure) {
-  const std::string_view name = all_trial_figures()[figure].name;
-  return name == "range_m" || name == "press_force_n";
-}
+                                            {"level", &ReportTrial::level, 1, 2},
+                                            {"support of the arm (N)", &ReportTrial::support, 1, 1}}};
 
 /// `person` is in every row if it is not empty.
 void add_trial_table(xml_node parent, const ReportExercise& exercise, const std::vector<std::size_t>& figures,
@@ -152,7 +148,7 @@ void add_trial_table(xml_node parent, const ReportExercise& exercise, const std:
     }
     for (const std::size_t i : figures) {
       const std::string value = shown(all_trial_figures()[i], trial.figures[i].value_or(kNaN), false);
-      table.number(trial.at_limit && is_limited(i) && trial.figures[i] ? "\u2265 " + value : value);
+      table.number(trial.at_limit && all_trial_figures()[i].limited && trial.figures[i] ? "\u2265 " + value : value);
     }
   }
 }
@@ -360,6 +356,7 @@ std::string mode_in_words(const ReportExercise& exercise) {
       {"range", "left the hand to move as far as it can"},
       {"press", "held the hand, which pressed as hard as it can"},
       {"track", "left the hand to follow a moving target"},
+      {"weigh", "held the hand, on which the arm rested"},
       {"sense", "moved the hand to two places, of which the person named the farther one"},
       {"playback", "played back the path"},
       {"recording", "recorded the movement"}};
@@ -381,7 +378,7 @@ bool is_main(std::size_t figure) {
       "speed_peaks",         "force_error_rms_n", "mean_force_n",    "reaction_time_s",
       "lateral_deviation_m", "after_effect_m",    "field_share",     "end_error_m",
       "adaptation_index",    "range_m",           "press_force_n",   "tracking_rms_m",
-      "tracking_gain",       "tracking_delay_s"};
+      "arm_weight_n",        "tracking_gain",     "tracking_delay_s"};
   return kMain.contains(all_trial_figures()[figure].name);
 }
 

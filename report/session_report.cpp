@@ -428,6 +428,7 @@ class Tasks {
 };
 
 std::string places_in_words(const ReachTask& task) {
+  if (task.goal == ReachGoal::weigh) return "";
   if (task.goal != ReachGoal::track)
     return fmt::format("{} {}", task.targets.size(), task.goal == ReachGoal::target ? "targets" : "directions");
   return fmt::format("a target that moves up to {:.4g} mm to both sides, with {:g} Hz",
@@ -454,6 +455,7 @@ std::string path_in_words(const Programme& programme, const Exercise& exercise) 
 void add_settings(ReportTrial& trial, const TrialSettings& settings, const Exercise& exercise) {
   using enum ExerciseMode;
   const ExerciseMode mode = exercise.mode;
+  trial.support = settings.support;
   if (mode == passive || mode == assisted || mode == cursor) trial.pace = settings.pace;
   if (exercise.sense) return;
   if (mode != passive && mode != free && !exercise.reach) trial.radius = settings.radius;

@@ -40,9 +40,9 @@ struct ReportTrial {
   bool at_limit = false;                ///< of a range and a press: the person may be capable of more
   std::optional<int> answer;            ///< of a pair of places: 1, 2; 0: none
   std::string target;                   ///< of a reach, in words: its target, block and kind; else empty
-  std::optional<double> pace, radius, stiffness, assistance, level;  ///< see TrialSettings
-  double duration = 0;                                               ///< [s]
-  std::size_t samples = 0;                                           ///< rows of its recording; 0 if it is missing
+  std::optional<double> pace, radius, stiffness, assistance, level, support;  ///< see TrialSettings
+  double duration = 0;                                                        ///< [s]
+  std::size_t samples = 0;  ///< rows of its recording; 0 if it is missing
   /// Rank within its exercise by the main metric, from 1; repetitions that ran out of time come after all finished
   /// ones, by their share of the path. None if it was stopped, or where the metric has no better direction.
   std::optional<int> rank;

@@ -110,6 +110,21 @@ void ServoLoop::validate(const DeviceInfo& device, const ServoOptions& options) 
   haptrace::validate(options.limits);
 }
 
+SafetyLimits ServoLoop::in_force(const DeviceInfo& device, SafetyLimits limits) noexcept {
+  const auto ceiling = [](double& limit, double most) {
+    if (most > 0) limit = limit > 0 ? std::min(limit, most) : most;
+  };
+  ceiling(limits.max_force, device.max_force);
+  ceiling(limits.max_continuous_force, device.max_continuous_force);
+  ceiling(limits.max_torque, device.max_torque);
+  if (const double peak = device.max_force > 0 ? device.max_force : limits.max_force;
+      limits.max_continuous_force == 0 && peak > 0) {
+    limits.max_continuous_force = kCautiousShare * peak;
+    limits.continuous_time = kCautiousTime;
+  }
+  return limits;
+}
+
 ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator,
                      std::span<SampleSink* const> sinks, const ServoOptions& options)
     : device_(device),
@@ -118,18 +133,9 @@ ServoLoop::ServoLoop(Device& device, Controller& controller, VelocityEstimator& 
       sinks_(sinks.begin(), sinks.end()),
       options_(options) {
   validate(device_.info(), options_);
-  // The device's own limit is the ceiling; a session may only lower it.
-  const auto ceiling = [](double& limit, double most) {
-    if (most > 0) limit = limit > 0 ? std::min(limit, most) : most;
-  };
-  ceiling(options_.limits.max_force, device_.info().max_force);
-  ceiling(options_.limits.max_continuous_force, device_.info().max_continuous_force);
-  ceiling(options_.limits.max_torque, device_.info().max_torque);
-  const double peak = device_.info().max_force > 0 ? device_.info().max_force : options_.limits.max_force;
-  if (options_.limits.max_continuous_force == 0 && peak > 0) {
-    options_.limits.max_continuous_force = assumed_continuous_force_ = kCautiousShare * peak;
-    options_.limits.continuous_time = kCautiousTime;
-  }
+  const bool stated = options_.limits.max_continuous_force > 0 || device_.info().max_continuous_force > 0;
+  options_.limits = in_force(device_.info(), options_.limits);
+  if (!stated) assumed_continuous_force_ = options_.limits.max_continuous_force;
 }
 
 /// One run of the loop, with the state that its ticks share.

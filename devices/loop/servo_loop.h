@@ -56,6 +56,10 @@ class ServoLoop {
   /// Throws Error(input) if an option is out of range, or if virtual time is requested for a device in real time.
   static void validate(const DeviceInfo& device, const ServoOptions& options);
 
+  /// Returns the limits that hold on a device: a session may lower those of the device. If neither states a continuous
+  /// force, it is a cautious share of the peak force (kCautiousShare).
+  [[nodiscard]] static SafetyLimits in_force(const DeviceInfo& device, SafetyLimits limits) noexcept;
+
   /// Borrows all arguments; they must outlive run(). Throws what validate throws.
   ServoLoop(Device& device, Controller& controller, VelocityEstimator& estimator, std::span<SampleSink* const> sinks,
             const ServoOptions& options);

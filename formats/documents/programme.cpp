@@ -18,8 +18,9 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<ExerciseMode, 11> kModeNames{
-    "mode", {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press", "track", "sense"}};
+constexpr EnumNames<ExerciseMode, 12> kModeNames{"mode",
+                                                 {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach",
+                                                  "range", "press", "track", "weigh", "sense"}};
 constexpr EnumNames<TestLabel, 4> kTestNames{"test", {"none", "before", "after", "retention"}};
 constexpr EnumNames<TrialOrder, 3> kOrderNames{"order", {"listed", "blocked", "interleaved"}};
 const std::vector<std::string> kForceNames{"auto", "task", "measured", "sent"};
@@ -32,13 +33,13 @@ using Modes = std::set<ExerciseMode>;
 constexpr auto kPassive = ExerciseMode::passive, kAssisted = ExerciseMode::assisted, kTunnel = ExerciseMode::tunnel,
                kCursor = ExerciseMode::cursor, kResist = ExerciseMode::resist, kFree = ExerciseMode::free,
                kReach = ExerciseMode::reach, kRange = ExerciseMode::range, kPress = ExerciseMode::press,
-               kTrack = ExerciseMode::track, kSense = ExerciseMode::sense;
+               kTrack = ExerciseMode::track, kWeigh = ExerciseMode::weigh, kSense = ExerciseMode::sense;
 
 /// Keys that have a meaning in some modes only. All other keys apply to all modes.
 const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
   static const std::vector<std::pair<std::string, Modes>> keys{
       {"pace", {kPassive, kAssisted, kCursor}},
-      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree, kReach, kRange, kPress, kTrack}},
+      {"time_limit", {kAssisted, kTunnel, kCursor, kResist, kFree, kReach, kRange, kPress, kTrack, kWeigh}},
       {"radius", {kAssisted, kTunnel, kCursor, kResist, kFree}},
       {"stiffness", {kAssisted, kTunnel, kCursor, kResist}},
       {"assist_force", {kAssisted}},
@@ -58,6 +59,8 @@ const std::vector<std::pair<std::string, Modes>>& keys_of_modes() {
       {"range", {kRange}},
       {"press", {kPress}},
       {"track", {kTrack}},
+      {"weigh", {kWeigh}},
+      {"support", {kPassive, kAssisted, kTunnel, kCursor, kResist, kFree, kReach, kRange, kTrack, kSense}},
       {"sense", {kSense}}};
   return keys;
 }
@@ -116,6 +119,7 @@ std::optional<DifficultyRange> read_range(JsonReader& difficulty, const char* ke
 constexpr double kLeastRadius = 1e-4, kMostRadius = 0.5;     // [m]
 constexpr double kLeastStiffness = 1, kMostStiffness = 1e5;  // [N/m]
 constexpr double kShortestPress = 1;                         // [s]
+constexpr double kShortestWeighing = 4;                      // [s]
 constexpr double kRestOfPress = 60;                          // muscles recover in it [s]
 constexpr double kLeastPace = 0.05, kMostPace = 20;          // relative to the path's own pace
 
@@ -216,6 +220,18 @@ ShownShares read_show(JsonReader& owner) {
   return shares;
 }
 
+/// Reads a force, or {"share": share} of the weight that mode weigh measured.
+std::optional<ArmSupportTask> read_support(JsonReader& owner) {
+  constexpr double kMost = 100;  // [N]
+  if (!owner.has("support")) return std::nullopt;
+  if (owner.value("support").is_number())
+    return ArmSupportTask{.force = owner.number("support", 0, 0, kMost), .share = {}};
+  JsonReader reader = owner.object("support").value();
+  const ArmSupportTask task{.share = reader.require("share").number("share", 0, 0, 1)};
+  reader.finish();
+  return task;
+}
+
 ExpertOptions read_expert(JsonReader& reader) {
   ExpertOptions options{.profile = reader.text("expert_profile", ""),
                         .negated = reader.boolean("negate_measured", false)};
@@ -249,6 +265,8 @@ std::optional<ReachGoal> goal_of(ExerciseMode mode) {
       return ReachGoal::press;
     case kTrack:
       return ReachGoal::track;
+    case kWeigh:
+      return ReachGoal::weigh;
     default:
       return std::nullopt;
   }
@@ -263,25 +281,26 @@ void check_places(const JsonReader& reader, const Exercise& exercise) {
       throw input_error(
           fmt::format("{}: mode {} has targets and no path; remove path and shape", reader.where(), mode));
     if (!reader.has(mode))
-      throw input_error(fmt::format("{}: mode {} needs the key {}{}; see programme.schema.json", reader.where(), mode,
-                                    mode, exercise.mode == kTrack || exercise.mode == kSense ? "" : ", with targets"));
+      throw input_error(fmt::format(
+          "{}: mode {} needs the key {}{}; see programme.schema.json", reader.where(), mode, mode,
+          exercise.mode == kTrack || exercise.mode == kSense || exercise.mode == kWeigh ? "" : ", with targets"));
   } else if (paths != 1 || (reader.has("path") && exercise.path.empty())) {
     throw input_error(reader.where() + ": needs either a path (a file) or a shape");
   }
 }
 
 /// Reads the settings of a mode with a cue. They state the number of repetitions, if they have blocks or tries.
-void read_reach(JsonReader& reader, Exercise& exercise) {
+void read_reach(JsonReader& reader, Exercise& exercise, const Vec3& up) {
   const std::optional<ReachGoal> goal = goal_of(exercise.mode);
   if (!goal) return;
   std::optional<JsonReader> settings = reader.object(to_string(exercise.mode));
   if (!settings) return;
-  const bool tries = goal == ReachGoal::range || goal == ReachGoal::press;
+  const bool tries = goal == ReachGoal::range || goal == ReachGoal::press || goal == ReachGoal::weigh;
   if ((tries || settings->has("blocks")) && reader.has("repetitions"))
     throw input_error(fmt::format(
         "{}.repetitions: {}; remove it", reader.where(),
         tries ? "`tries` states the number of trials for each target" : "the blocks state the number of reaches"));
-  exercise.reach = read_reach_task(*settings, *goal, exercise.repetitions);
+  exercise.reach = read_reach_task(*settings, *goal, exercise.repetitions, up);
   exercise.repetitions = exercise.reach->reaches();
 }
 
@@ -308,6 +327,9 @@ void read_time_limit(JsonReader& reader, Exercise& exercise) {
     throw input_error(
         fmt::format("{}: no reach can end within time_limit ({:g} s) with a target_hold of {:g} s; raise the limit",
                     reader.where(), limit, task.target_hold));
+  if (task.goal == ReachGoal::weigh && limit < kShortestWeighing)
+    throw input_error(fmt::format("{}.time_limit: a weight takes {:g} s; at least {:g} s are needed", reader.where(),
+                                  limit, kShortestWeighing));
   if (task.goal == ReachGoal::press && limit < kShortestPress)
     throw input_error(fmt::format("{}.time_limit: a press lasts {:g} s; at least {:g} s are needed", reader.where(),
                                   limit, kShortestPress));
@@ -326,7 +348,7 @@ void read_time_limit(JsonReader& reader, Exercise& exercise) {
         reader.where(), limit, task.track.discard, std::ceil(1 / nearest) + task.track.discard, nearest));
 }
 
-Exercise read_exercise(JsonReader reader, const std::string& name) {
+Exercise read_exercise(JsonReader reader, const std::string& name, const Vec3& up) {
   Exercise exercise;
   exercise.name = reader.text("name", name);
   exercise.path = reader.text("path", "");
@@ -344,7 +366,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
     if (reader.has(key)) check_meaning(reader, "", key, exercise.mode);
 
   exercise.repetitions = reader.integer("repetitions", exercise.repetitions, 1, 10'000);
-  read_reach(reader, exercise);
+  read_reach(reader, exercise, up);
   read_sense(reader, exercise);
   exercise.rest = reader.number("rest", exercise.mode == kPress ? kRestOfPress : exercise.rest, 0, 3600);
   exercise.rest_after = reader.number("rest_after", exercise.rest_after, 0, 3600);
@@ -364,6 +386,7 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   exercise.wait = reader.number("wait", exercise.wait, 0, 10);
   exercise.allow_back = reader.boolean("allow_back", exercise.allow_back);
   exercise.catch_trial = reader.boolean("catch", false);
+  exercise.support = read_support(reader);
   exercise.show = read_show(reader);
   if (std::optional<JsonReader> progression = reader.object("progression"))
     exercise.progression = read_progression(*progression, exercise.mode);
@@ -377,10 +400,10 @@ Exercise read_exercise(JsonReader reader, const std::string& name) {
   return exercise;
 }
 
-std::vector<Exercise> read_exercises(JsonReader& reader, const char* key, const char* name) {
+std::vector<Exercise> read_exercises(JsonReader& reader, const char* key, const char* name, const Vec3& up) {
   std::vector<Exercise> exercises;
   for (JsonReader& one : reader.objects(key))
-    exercises.push_back(read_exercise(one, fmt::format("{} {}", name, exercises.size() + 1)));
+    exercises.push_back(read_exercise(one, fmt::format("{} {}", name, exercises.size() + 1), up));
   return exercises;
 }
 
@@ -416,7 +439,27 @@ void check_order(const Programme& programme, const std::string& where) {
                     "blocked or interleaved");
 }
 
+/// Checks that a weight is measured before a share of it is carried.
+void check_support(const Programme& programme, const std::string& where) {
+  bool weighed = false;
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    const Exercise& exercise = programme.exercise(i);
+    weighed = weighed || exercise.mode == kWeigh;
+    if (!support_of(programme, i).share || weighed) continue;
+    throw input_error(fmt::format(
+        "{}: '{}' supports a share of the arm's weight, but no exercise before it measures it; add one in mode weigh, "
+        "best to warm_up, or state the support in N",
+        where, exercise.name));
+  }
+}
+
 }  // namespace
+
+ArmSupportTask support_of(const Programme& programme, std::size_t i) {
+  const Exercise& exercise = programme.exercise(i);
+  if (exercise.mode == kPress || exercise.mode == kWeigh) return {};
+  return exercise.support ? *exercise.support : programme.support.value_or(ArmSupportTask{});
+}
 
 const char* to_string(ExerciseMode mode) {
   return kModeNames.name(mode);
@@ -505,11 +548,14 @@ Programme programme_from_json(const nlohmann::json& json, const std::string& whe
   programme.order = choose(reader, "order", kOrderNames, TrialOrder::listed);
   constexpr int kLargestSeed = 2'147'483'647;
   if (reader.has("seed")) programme.seed = static_cast<std::uint64_t>(reader.integer("seed", 0, 0, kLargestSeed));
-  programme.warm_up = read_exercises(reader, "warm_up", "warm-up");
-  programme.exercises = read_exercises(reader, "exercises", "exercise");
+  programme.support = read_support(reader);
+  programme.up = reader.direction("up", programme.up);
+  programme.warm_up = read_exercises(reader, "warm_up", "warm-up", programme.up);
+  programme.exercises = read_exercises(reader, "exercises", "exercise", programme.up);
   reader.finish();
   if (programme.exercises.empty()) throw input_error(where + ": exercises: a programme needs at least one exercise");
   check_order(programme, where);
+  check_support(programme, where);
   return programme;
 }
 
@@ -565,6 +611,9 @@ Path path_of(const Programme& programme, const Exercise& exercise, const std::st
   if (exercise.reach || exercise.sense) path.name = exercise.name;
   exercise.change.apply(path);
   programme.person.apply(path);
+  // Gravity does not turn with the person.
+  if (exercise.mode == kWeigh)
+    path.position.back() = path.position.front() + (exercise.reach->targets.front() - exercise.reach->start);
   return path;
 }
 

@@ -31,6 +31,7 @@ enum class ExerciseMode {
   range,  ///< leaves the participant to move as far as they can
   press,  ///< holds the hand while the participant presses as hard as they can
   track,  ///< leaves the participant to follow a moving target
+  weigh,  ///< holds the hand while the participant rests the arm on the device
   // With an answer:
   sense,  ///< moves the hand to two places, of which the participant names the farther one (SenseTask)
 };
@@ -100,6 +101,14 @@ using ShownShares = std::array<std::optional<ShownShare>, kScreenParts>;
 /// The parts of the screen that one repetition shows, by ScreenPart.
 using ShownParts = std::array<bool, kScreenParts>;
 
+/// The part of the arm's weight that the device carries, see ArmSupport.
+struct ArmSupportTask {
+  double force = 0;             ///< [N]
+  std::optional<double> share;  ///< of the weight that mode weigh measured before; replaces `force`
+
+  bool operator==(const ArmSupportTask&) const = default;
+};
+
 /// One exercise: repetitions of one path, or of an assessment that has a mode of its own. An assessment keeps its
 /// settings in an object with the name of its mode, and its places in path_of().
 struct Exercise {
@@ -133,6 +142,7 @@ struct Exercise {
   bool allow_back = false;
   bool catch_trial = false;  ///< its repetitions lie at random places between those of the other exercises
   std::optional<Progression> progression;
+  std::optional<ArmSupportTask> support;  ///< absent: that of the programme
   ShownShares show;
 };
 
@@ -154,8 +164,10 @@ struct Programme {
   std::string title, description;
   PathChange person;  ///< applied to every path after the exercise's own change; has no frame
   ProgrammeLimits limits;
-  ShownShares show;  ///< of exercises that do not say otherwise
-  int rounds = 1;    ///< number of passes through the exercises
+  std::optional<ArmSupportTask> support;  ///< of exercises that do not say otherwise
+  Vec3 up = Vec3::UnitY();                ///< unit vector upwards, in W
+  ShownShares show;                       ///< of exercises that do not say otherwise
+  int rounds = 1;                         ///< number of passes through the exercises
   TrialOrder order = TrialOrder::listed;
   std::optional<std::uint64_t> seed;  ///< of a random order; begin_session() draws one if there is none
   std::vector<Exercise> warm_up;      ///< done once, before the exercises; excluded from comparisons
@@ -173,6 +185,10 @@ struct Programme {
 /// Reads a programme. Throws Error(input) naming `where` and the path of the key if a key is unknown, missing, of the
 /// wrong type, out of range, or without meaning in the exercise's mode. programme.schema.json states keys and ranges.
 Programme programme_from_json(const nlohmann::json& json, const std::string& where);
+
+/// Returns the support of the arm in exercise `i`: its own or that of the programme, and none where the force of the
+/// hand is measured (modes press and weigh).
+ArmSupportTask support_of(const Programme& programme, std::size_t i);
 
 /// Returns true if an exercise has a tunnel to show and to count. An exercise in mode free has one only if it states a
 /// radius, or shows the tunnel or the score, which counts the time in it.

@@ -18,6 +18,7 @@ using nlohmann::json;
 constexpr double kFarthestPlace = 10;                    // [m]
 constexpr double kLargestGain = 100;                     // of a field [N s/m]
 constexpr double kShortestWay = 1e-3;                    // that has a direction [m]
+constexpr double kBelow = 0.03;                          // from the start to the place below it, for a weight [m]
 constexpr double kSlowestSine = 0.01, kFastestSine = 5;  // of a target that moves [Hz]
 constexpr std::size_t kMostSines = 12;
 constexpr double kFastestTarget = 1;   // that moves [m/s]
@@ -244,25 +245,29 @@ double usual_time_limit(ReachGoal goal) {
       return 3;
     case ReachGoal::track:
       return 40;
+    case ReachGoal::weigh:
+      return 6;
     default:
       return 3;
   }
 }
 
-ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions) {
+ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions, const Vec3& up) {
   ReachTask task{.goal = goal};
   task.start = reader.vector("start", task.start, -kFarthestPlace, kFarthestPlace);
   task.plane = reader.choice("plane", task.plane, std::vector<std::string>{"xy", "yz", "zx"});
   task.start_radius = reader.number("start_radius", task.start_radius, 1e-3, 0.1);
   if (goal == ReachGoal::track)
     read_track(reader, task);
+  else if (goal == ReachGoal::weigh)
+    task.targets = {task.start - kBelow * up};
   else
     task.targets = read_targets(reader, task);
   read_start_hold(reader, task);
   task.pull = reader.boolean("pull", task.pull);
   if (goal == ReachGoal::target || goal == ReachGoal::range)
     task.target_hold = reader.number("target_hold", task.target_hold, goal == ReachGoal::range ? kShortestHold : 0, 10);
-  if (goal == ReachGoal::range || goal == ReachGoal::press) {
+  if (goal == ReachGoal::range || goal == ReachGoal::press || goal == ReachGoal::weigh) {
     check_directions(reader, task);
     const int tries = reader.integer("tries", 3, 1, 1000);
     task.blocks.push_back({.name = "", .reaches = tries * static_cast<int>(task.targets.size())});
@@ -270,6 +275,10 @@ ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions) {
     task.blocks.push_back({.name = "", .reaches = repetitions});
   }
   if (goal == ReachGoal::press) read_lock(reader, task);
+  if (goal == ReachGoal::weigh) {
+    read_clamp(reader, task.clamp);
+    task.energy = reader.number("energy", task.energy, 0.01, 10);
+  }
   if (goal == ReachGoal::target) read_fields_and_blocks(reader, task, repetitions);
   reader.finish();
   return task;
@@ -310,6 +319,7 @@ std::string angle_in_words(double angle) {
 std::string describe(const ReachTask& task, const PlannedReach& planned) {
   const ReachBlock& block = task.blocks.at(static_cast<std::size_t>(planned.block));
   if (task.goal == ReachGoal::track) return "tracking";
+  if (task.goal == ReachGoal::weigh) return "weight of the arm";
   std::string text = fmt::format("{} {} of {}", task.goal == ReachGoal::target ? "target" : "direction",
                                  planned.target + 1, task.targets.size());
   if (task.goal != ReachGoal::target)
@@ -348,7 +358,7 @@ json json_of(const ReachTrial& trial) {
     if (is_finite(trial.workspace.min) && is_finite(trial.workspace.max))
       result["workspace_m"] = {json_of(trial.workspace.min), json_of(trial.workspace.max)};
   }
-  if (trial.goal == ReachGoal::press) result["largest_n"] = trial.largest;
+  if (trial.goal == ReachGoal::press || trial.goal == ReachGoal::weigh) result["largest_n"] = trial.largest;
   if (trial.goal == ReachGoal::track)
     result["track"] = {{"frequencies_hz", trial.track.frequency},
                        {"phases_rad", trial.track.phase},

@@ -1,4 +1,5 @@
-// Exercises of a programme that have a cue: reaches with force field and error clamp, range of motion, press, tracking.
+// Exercises of a programme that have a cue: reaches with force field and error clamp, range of motion, press, tracking,
+// weight of an arm.
 #pragma once
 
 #include "control/reaching.h"
@@ -25,7 +26,8 @@ struct ReachBlock {
 struct ReachTask {
   ReachGoal goal = ReachGoal::target;
   Vec3 start = Vec3::Zero();      ///< [m]
-  std::vector<Vec3> targets;      ///< [m], at least one; of a range and a press, a place in each direction
+  std::vector<Vec3> targets;      ///< [m], at least one; of a range and a press, a place in each direction; of a
+                                  ///< weight, a place straight below the start
   std::string plane = "xy";       ///< of the lateral deviation and of the field
   double start_radius = 6e-3;     ///< [m]
   double target_radius = 8e-3;    ///< [m]
@@ -41,7 +43,7 @@ struct ReachTask {
     double damping = 3;               ///< [N s/m]
     double break_out = 0.03;          ///< see ClampOptions [m]
   };
-  Clamp clamp;                     ///< the lock, in a press
+  Clamp clamp;                     ///< the lock, in a press and a weight
   bool locked = false;             ///< press: the handle is locked mechanically, and a force sensor measures
   TrackSignal track;               ///< track: movement of the target, as a share of the way to the one target
   std::vector<ReachBlock> blocks;  ///< at least one
@@ -53,10 +55,10 @@ struct ReachTask {
 /// Returns the time limit of a trial whose exercise states none [s]; a press and tracking last as long.
 double usual_time_limit(ReachGoal goal);
 
-/// Reads the object `reach`, `range`, `press` or `track` of an exercise. Without blocks, the task has one block without
-/// a name: of `tries` for each target of a range and a press, else of `repetitions`. Throws Error(input) naming the
-/// key.
-ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions);
+/// Reads the object `reach`, `range`, `press`, `track` or `weigh` of an exercise. Without blocks, the task has one
+/// block without a name: of `tries` for each target of a range, a press and a weight, else of `repetitions`. `up` is
+/// the unit vector upwards. Throws Error(input) naming the key.
+ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions, const Vec3& up);
 
 /// One reach of the schedule.
 struct PlannedReach {

@@ -27,6 +27,7 @@ json json_of(const TrialSettings& settings) {
   if (settings.stiffness) result["stiffness"] = *settings.stiffness;
   if (settings.force_scale) result["force_scale"] = *settings.force_scale;
   if (settings.start_hold) result["start_hold_s"] = *settings.start_hold;
+  if (settings.support) result["support_n"] = *settings.support;
   return result;
 }
 
@@ -38,6 +39,7 @@ TrialSettings settings_from(JsonReader reader) {
   if (reader.has("stiffness")) settings.stiffness = reader.number("stiffness", 0, 0, kLongest);
   if (reader.has("force_scale")) settings.force_scale = reader.number("force_scale", 1, 0, kLongest);
   if (reader.has("start_hold_s")) settings.start_hold = reader.number("start_hold_s", 0, 0, kLongest);
+  if (reader.has("support_n")) settings.support = reader.number("support_n", 0, 0, kLongest);
   reader.finish();
   return settings;
 }

@@ -22,6 +22,7 @@ struct TrialSettings {
   double level = 0;                   ///< of difficulty, 0 to 1
   std::optional<double> force_scale;  ///< factor on the expert's force, if a command changed it
   std::optional<double> start_hold;   ///< of a reach: hold in the start before the cue [s]
+  std::optional<double> support;      ///< part of the arm's weight that the device carried [N]
 
   bool operator==(const TrialSettings&) const = default;
 };

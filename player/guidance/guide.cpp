@@ -14,6 +14,7 @@
 #include "control/pd.h"
 #include "control/resistance_timer.h"
 #include "control/tunnel_wall.h"
+#include "devices/loop/servo_loop.h"
 #include "formats/documents/session_log.h"
 #include "metrics/path_average.h"
 #include "player/device_path.h"
@@ -127,9 +128,7 @@ bool has_no_force(const ArcPath& path) {
 /// Returns the back wall that the device allows: no stiffer than its walls, and within the force that it can hold.
 BackWallOptions back_wall(const DeviceInfo& device, BackWallOptions wall, const GuideOptions& options,
                           GuidePlan& plan) {
-  double most = device.max_continuous_force > 0 ? device.max_continuous_force : kCautiousShare * device.max_force;
-  if (const double limit = options.session.loop.limits.max_continuous_force; limit > 0)
-    most = most > 0 ? std::min(most, limit) : limit;
+  const double most = ServoLoop::in_force(device, options.session.loop.limits).max_continuous_force;
   if (most > 0 && wall.max_force > most) {
     plan.notes.push_back(fmt::format(
         "the wall behind the hand pushes with at most {:.2g} N, the continuous force of {}", most, device.model));

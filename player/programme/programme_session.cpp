@@ -124,7 +124,7 @@ double expected_time(const Exercise& exercise, const Path& path) {
     const ReachTask& task = *exercise.reach;
     constexpr double kReaction = 0.3, kBack = 1, kUsualRange = 2;  // [s]
     const double before = kBack + 0.5 * (task.least_start_hold + task.most_start_hold);
-    if (task.goal == ReachGoal::press || task.goal == ReachGoal::track)
+    if (task.goal == ReachGoal::press || task.goal == ReachGoal::track || task.goal == ReachGoal::weigh)
       return before + exercise.time_limit + exercise.hold;
     const double movement = task.goal == ReachGoal::range ? kUsualRange : kUsualReach;
     return before + kReaction + movement + task.target_hold + exercise.hold;
@@ -171,6 +171,11 @@ Path movement_to(const Exercise& exercise, const Path& places, int target) {
   constexpr double kStep = 0.01;  // [s]
   const Vec3 start = places.position.front(), way = places.position.at(place_of_target(target)) - start;
   Path path{.name = fmt::format("target {}", target + 1)};
+  if (exercise.reach->goal == ReachGoal::weigh) {
+    path.time = {0, exercise.time_limit};
+    path.position = {start, start};
+    return path;
+  }
   if (exercise.reach->goal == ReachGoal::track) {
     for (int i = 0; i * kStep <= exercise.time_limit; ++i) {
       path.time.push_back(i * kStep);
@@ -208,11 +213,12 @@ std::vector<Path> movements_of(const Exercise& exercise, const Path& path) {
   return movements;
 }
 
-/// Returns the part of an exercise's path that the hand must reach: the targets of a range and a press are directions.
+/// Returns the part of an exercise's path that the hand must reach: the targets of a range, a press and a weight are
+/// directions.
 Path reached_part(const Exercise& exercise, const Path& path) {
-  const bool directions =
-      exercise.reach && (exercise.reach->goal == ReachGoal::range || exercise.reach->goal == ReachGoal::press);
-  if (!directions) return path;
+  const bool places =
+      !exercise.reach || exercise.reach->goal == ReachGoal::target || exercise.reach->goal == ReachGoal::track;
+  if (places) return path;
   return {.name = path.name, .time = {path.time.front()}, .position = {path.position.front()}};
 }
 
@@ -220,7 +226,8 @@ Path reached_part(const Exercise& exercise, const Path& path) {
 void check_means(const Exercise& exercise, const Path& path, const DeviceInfo& device, const std::string& where) {
   try {
     if (exercise.sense) check_motors(device, (path.position.back() - path.position.front()).normalized(), "it");
-    if (!exercise.reach || exercise.reach->goal != ReachGoal::press) return;
+    if (!exercise.reach || (exercise.reach->goal != ReachGoal::press && exercise.reach->goal != ReachGoal::weigh))
+      return;
     for (int target = 0; target < static_cast<int>(exercise.reach->targets.size()); ++target)
       check_press(device, path.position.at(place_of_target(target)) - path.position.front(), exercise.reach->locked);
   } catch (const Error& error) {
@@ -525,6 +532,7 @@ class ProgrammeRun {
                       .shown = shown_parts(programme_, i, scheduled.round, scheduled.repetition)};
     if (exercise.reach) place_reach(scheduled, trial);
     trial.sense = scheduled.sense;
+    support_arm(trial);
     const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
     if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
@@ -562,6 +570,7 @@ class ProgrammeRun {
       trial.stopped_by = "skipped";
     trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
     trial.initiation = run.initiation;
+    if (trial.settings.support) trial.settings.support = run.session.support;
     if (run.places) trial.places = run.places;
     if (exercise.mode != ExerciseMode::passive && !exercise.reach) {
       trial.settings.stiffness = run.stiffness;
@@ -583,6 +592,19 @@ class ProgrammeRun {
     save();
     result_.last = std::move(run.session);
     return *result_.last;
+  }
+
+  /// Sets the part of the arm's weight that the device carries in a trial.
+  void support_arm(LoggedTrial& trial) {
+    const ArmSupportTask task = support_of(programme_, trial.exercise);
+    double force = task.force;
+    if (task.share) {
+      const std::optional<double> weight = weight_of_arm(programme_, log());
+      force = weight ? *task.share * *weight : 0;
+      const char* const kUnknown = "the arm is not supported, because no trial measured its weight";
+      if (!weight && told_.insert(kUnknown).second) trial.notices.emplace_back(kUnknown);
+    }
+    if (force > 0) trial.settings.support = force;
   }
 
   /// Computes the metrics of a repetition that was done, and updates the progression.
@@ -633,6 +655,12 @@ class ProgrammeRun {
                                            const TrialWatch& watch, nlohmann::json config) {
     SessionOptions session = options_.session;
     session.loop.motors = &motors_;
+    if (trial.settings.support) {
+      session.support = {.force = *trial.settings.support, .up = programme_.up};
+      config.update(
+          {{"support", session.support.force},
+           {"up", fmt::format("{:.6g},{:.6g},{:.6g}", programme_.up.x(), programme_.up.y(), programme_.up.z())}});
+    }
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =
@@ -669,6 +697,7 @@ class ProgrammeRun {
       case ExerciseMode::range:
       case ExerciseMode::press:
       case ExerciseMode::track:
+      case ExerciseMode::weigh:
         return reach_target(device, exercise, trial, watch, stop);
       default:
         return guide_trial(device, exercise, trial, watch, stop);
@@ -1074,6 +1103,7 @@ nlohmann::json to_json(const ProgrammeResult& result) {
                               {"assistance", trial.settings.assistance},
                               {"radius_m", trial.settings.radius},
                               {"pace", trial.settings.pace},
+                              {"support_n", json_of_number(trial.settings.support)},
                               {"stopped_by", trial.stopped_by},
                               {"partial", trial.partial()},
                               {"initiation", trial.initiation ? json_of(*trial.initiation) : nlohmann::json()},

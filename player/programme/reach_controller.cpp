@@ -16,6 +16,7 @@ constexpr double kLongestReachStep = 5;  // most that one tick counts [ticks]
 constexpr double kFarthestReach = 10;    // [m]
 constexpr double kQuiet = 0.5,
                  kQuietShare = 0.2;  // force of the lock on a hand that waits [N], and share of its largest
+constexpr double kCarries = 0.9;     // share of the break-out within which a lock carries an arm
 constexpr double kTankIsLow = 0.5;   // share of the field below which the tank counts as empty
 
 void check_course(const char* what, double value, double least, double most, const char* unit) {
@@ -34,8 +35,7 @@ ReachController::ReachController(const ReachTrial& trial, const ReachForces::Opt
       course_(course),
       pull_gains_(pull),
       hand_(hand),
-      phases_(1, trial.goal == ReachGoal::press ? std::max(course.hold, ReachForces::kDecay) : course.hold,
-              course.approach_speed) {
+      phases_(1, is_held() ? std::max(course.hold, ReachForces::kDecay) : course.hold, course.approach_speed) {
   validate(pull);
   check_course("the hold in the start", course.start_hold, 0, 60, "s");
   check_course("the hold in the target", course.target_hold, 0, 60, "s");
@@ -97,7 +97,11 @@ void ReachController::end_run(Command& command, bool reached, const Vec3& positi
 void ReachController::advance_start(const State& state, Command& command) noexcept {
   const double dt = std::min(state.dt, kLongestReachStep / course_.rate_hz);
   waited_ += dt;
-  const bool inside = norm_of(state.position - geometry_.start) <= geometry_.start_radius;
+  // An arm that rests before the cue lies deeper in the lock.
+  const double radius = goal_ == ReachGoal::weigh && arrived_ && forces_.options().clamp
+                            ? std::max(geometry_.start_radius, kCarries * forces_.options().clamp->break_out)
+                            : geometry_.start_radius;
+  const bool inside = norm_of(state.position - geometry_.start) <= radius;
   if (inside && (!leads_ || phases_.approached())) {
     arrived_ = true;
     leads_ = false;
@@ -134,7 +138,7 @@ bool ReachController::holds(const Vec3& position) noexcept {
 void ReachController::advance_run(const State& state, Command& command) noexcept {
   const bool inside = holds(state.position), over = phases_.elapsed() >= course_.time_limit;
   held_ = inside ? held_ + std::min(state.dt, kLongestReachStep / course_.rate_hz) : 0;
-  const bool lasts = goal_ == ReachGoal::press || goal_ == ReachGoal::track;
+  const bool lasts = is_held() || goal_ == ReachGoal::track;
   const double hold = goal_ == ReachGoal::range ? std::max(course_.target_hold, kShortestStay) : course_.target_hold;
   if ((inside && held_ >= hold) || (lasts && (over || forces_.broken() || forces_.lets_go())))
     end_run(command, true, state.position);
@@ -143,7 +147,7 @@ void ReachController::advance_run(const State& state, Command& command) noexcept
 }
 
 Vec3 ReachController::goal() const noexcept {
-  if (phases_.phase() == Phase::approach || goal_ == ReachGoal::press) return geometry_.start;
+  if (phases_.phase() == Phase::approach || is_held()) return geometry_.start;
   if (goal_ != ReachGoal::track) return geometry_.target;
   const double time = phases_.phase() == Phase::run ? phases_.elapsed() : course_.time_limit;
   return geometry_.start + track_.at(time) * (geometry_.target - geometry_.start);
@@ -204,8 +208,8 @@ Command ReachController::update(const State& state) noexcept {
   const bool pulled = add_pull(state, command);
   const bool holds = phase == Phase::approach && arrived_ && !leads_ && !let_go_;
   const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));
-  // A press is meant to resist, and its lock lets go by itself.
-  if (acts && goal_ != ReachGoal::press) command.patience = kPatience;
+  // A press and an arm are meant to load the lock, which lets go by itself.
+  if (acts && !is_held()) command.patience = kPatience;
   command.wrench.force += forces_.update(state, acts, requests_.share(), !pulled);
   if (phase == Phase::run && !paused_) watch_forces(state, command);
   command.phase = phases_.phase();

@@ -1,4 +1,5 @@
-// Controller of one trial with a cue: a reach to a target, a range of motion, a press against a lock, or tracking.
+// Controller of one trial with a cue: a reach to a target, a range of motion, a press against a lock, tracking, or the
+// weight of an arm on a lock.
 #pragma once
 
 #include "control/controller.h"
@@ -17,7 +18,7 @@ namespace haptrace {
 struct ReachCourse {
   double start_hold = 0.75;     ///< hold in the start before the cue [s]
   double target_hold = 0.5;     ///< hold in the target, or at the farthest place, that ends the reach [s]
-  double time_limit = 3;        ///< from the cue [s]; a press and tracking end at it
+  double time_limit = 3;        ///< from the cue [s]; a press, tracking and a weight end at it
   double hold = 0.5;            ///< pause at the end [s]; of a press at least the time in which its lock goes
   bool pull = false;            ///< a force leads the hand to the start; else the participant finds it
   double approach_speed = 0.1;  ///< of that force's reference, at its peak [m/s]
@@ -35,11 +36,13 @@ struct ReachCourse {
 ///   - range: it ends when the hand, out of the start, has stayed at its farthest place for that hold;
 ///   - press: it ends at the time limit, when the hand has broken the lock, or when the lock has held for so long that
 ///     its force decays;
-///   - track: the reference is the moving target; it ends at the time limit.
+///   - track: the reference is the moving target; it ends at the time limit;
+///   - weigh: as a press.
 ///   A target and a range that were not held end at the time limit, as trials whose time is over.
 /// hold: the pause at the end, without force.
 ///
-/// The hold before a press counts only while the hand does not press. A clamp, or the lock of a press, comes on in the
+/// The hold before a press counts only while the hand does not press; that before a weight counts wherever the lock
+/// carries the arm. A clamp, or the lock of a press, comes on in the
 /// start and is complete before the cue if the hold is as long as its rise. A field comes on with the cue: on a light
 /// hand that rests, a late estimate of the velocity would let it grow by itself. A pause takes all forces away; after
 /// it the reach starts again with the approach. So it does after a gap. If the hand is not in the start after
@@ -81,6 +84,8 @@ class ReachController final : public Controller {
   /// Returns true if the hand is where the goal asks it to hold.
   [[nodiscard]] bool holds(const Vec3& position) noexcept;
   [[nodiscard]] Vec3 goal() const noexcept;
+  /// Returns true if a lock holds the hand in the start.
+  [[nodiscard]] bool is_held() const noexcept { return goal_ == ReachGoal::press || goal_ == ReachGoal::weigh; }
   /// Adds the force that leads to the start. Returns true if it acts.
   bool add_pull(const State& state, Command& command) noexcept;
   /// Reports a broken channel, and an energy tank that weakens the field.

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "control/hand_watch.h"
 #include "control/pd.h"
+#include "devices/loop/servo_loop.h"
 #include "player/device_path.h"
 #include "player/guidance/guide.h"
 #include "player/guidance/live_guidance.h"
@@ -21,7 +22,8 @@ constexpr double kSlowestRise = 1.5;              // of a clamp [s]
 constexpr double kStrongestShare = 0.8;           // of the device's peak force
 constexpr double kUsualForce = 5;                 // of a device whose peak force is unknown [N]
 constexpr double kBeforeBreak = 0.8;              // share of the break-out at which a lock has its largest force
-constexpr double kOnAxis = 0.1;                   // least part of a direction on an axis that needs a motor there
+constexpr double kHeldShare = 0.75;               // of the continuous force, with which a lock carries an arm
+constexpr double kLongerThanTrial = 2;            // [s]
 constexpr double kWorkless = 0.1;                 // share of the energy for a field that does no work
 constexpr double kLeastArm = 50, kMostArm = 400;  // stiffness of an arm [N/m]
 
@@ -72,17 +74,24 @@ void plan_clamp(const DeviceInfo& device, const ReachOptions& options, ReachPlan
   plan.forces.clamp = clamp;
 }
 
-/// Plans the lock of a press.
+/// Plans the lock of a press, or that which carries an arm.
 void plan_lock(const DeviceInfo& device, const ReachOptions& options, ReachPlan& plan) {
   ClampOptions lock = stable_clamp(device, options, plan);
   lock.locks = true;
+  if (options.trial.goal == ReachGoal::weigh) {
+    // The lock holds the arm for the whole trial, with a force that the motors can hold.
+    lock.holds = options.course.time_limit + kLongerThanTrial;
+    const double continuous = ServoLoop::in_force(device, options.session.loop.limits).max_continuous_force;
+    if (continuous > 0) plan.forces.max_force = std::min(plan.forces.max_force, kHeldShare * continuous);
+  }
   // The spring has its largest force before it goes off.
   plan.forces.max_force = std::min(plan.forces.max_force, kBeforeBreak * lock.stiffness * lock.break_out);
   plan.trial.largest = plan.forces.max_force;
   plan.notes.push_back(
       fmt::format("the lock has {:.2g} N, at which the hand is {:.0f} mm from its start, and goes off at {:.0f} mm; a "
-                  "stronger press is reported as a lower bound{}",
+                  "{} is reported as a lower bound{}",
                   plan.forces.max_force, 1e3 * plan.forces.max_force / lock.stiffness, 1e3 * lock.break_out,
+                  options.trial.goal == ReachGoal::press ? "stronger press" : "heavier arm",
                   device.measures_force ? "" : "; without a force sensor, the friction of the device is not included"));
   plan.forces.clamp = lock;
 }
@@ -115,16 +124,8 @@ FollowedPath shown_path(const ReachTrial& trial) {
 
 }  // namespace
 
-void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what) {
-  for (int axis = 0; axis < 3; ++axis)
-    if (std::abs(direction[axis]) > kOnAxis && !device.force_axes[static_cast<std::size_t>(axis)])
-      throw input_error(
-          fmt::format("{} has no motor along {}, which {} needs: choose another direction, or another device",
-                      device.model, "xyz"[axis], what));
-}
-
 void check_press(const DeviceInfo& device, const Vec3& direction, bool locked) {
-  if (!locked) return check_motors(device, direction.normalized(), "the lock of a press");
+  if (!locked) return check_motors(device, direction.normalized(), "the lock");
   if (!device.measures_force)
     throw input_error(
         fmt::format("{} has no force sensor, so nothing measures a press against a locked handle: remove locked, or "
@@ -145,7 +146,7 @@ ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
       !(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
     throw input_error(
         fmt::format("{} has no motors: remove field, clamps and pull, or use a device with motors", device.model));
-  if (trial.goal == ReachGoal::press) {
+  if (trial.goal == ReachGoal::press || trial.goal == ReachGoal::weigh) {
     check_press(device, trial.geometry.along(), options.locked);
     if (!options.locked) plan_lock(device, options, plan);
   }

@@ -36,9 +36,6 @@ struct ReachPlan {
   std::vector<std::string> warnings;  ///< messages that matter more
 };
 
-/// Throws Error(input) if the device has no motor along a direction; `what` needs it.
-void check_motors(const DeviceInfo& device, const Vec3& direction, const std::string& what);
-
 /// Throws Error(input) if the device cannot hold a press in this direction, or measure one against a locked handle.
 void check_press(const DeviceInfo& device, const Vec3& direction, bool locked);
 

@@ -229,6 +229,10 @@ def add_assessment(out, t, x, force, reach):  # the trial begins with the cue
         integral = np.r_[0, np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(t))]
         begins = t[t <= t[-1] - 0.5]
         out["press_force_n"] = ((np.interp(begins + 0.5, t, integral) - np.interp(begins, t, integral)) / 0.5).max()
+    elif reach["goal"] == "weigh":
+        f = -force @ ahead
+        whole = t >= t[-1] - 3 - 1e-9
+        out["arm_weight_n"] = np.trapz(f[whole], t[whole]) / np.ptp(t[whole])
     else:
         track = reach["track"]
         w, phase = 2 * np.pi * np.array(track["frequencies_hz"]), np.array(track["phases_rad"])
@@ -298,7 +302,7 @@ def main():
         places = [(x[(t - t[0] >= a) & (t - t[0] <= b)] @ axis).mean() for a, b in (pair["first_s"], pair["second_s"])]
         out["sense_difference_m"] = places[1] - places[0]
     covered = add_path(out, t, x, force, samples) if "reference_position" in samples else None
-    if reach and reach.get("goal") == "press":  # the hand does not move
+    if reach and reach.get("goal") in ("press", "weigh"):  # the hand does not move
         out["peak_force_n"] = norms(force).max()
     else:
         add_movement(out, t, x, force, printed["plant"], covered)

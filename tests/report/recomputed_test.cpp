@@ -120,6 +120,10 @@ std::string write_assessed(const TempFolder& folder, ReachGoal goal) {
     case ReachGoal::press:
       return write_along_x(
           folder, 2, config, [](double) { return 0.0; }, [&](double t) { return -4 * blend(2 * t) - std::sin(9 * t); });
+    case ReachGoal::weigh:
+      return write_along_x(
+          folder, 6, config, [](double) { return 0.0; },
+          [&](double t) { return -3 * blend(t / 2) - 0.5 * std::sin(11 * t) - 0.1 * t; });
     default:
       return write_along_x(
           folder, 20, config, [&](double t) { return 0.05 * 0.8 * trial.track.at(t - 0.23); },
@@ -159,7 +163,7 @@ TEST(RecomputedMetrics, AgreeWithNumpyWithinOnePerCent) {
     const TempFolder folder;
     compare_with_numpy(folder, write_reach(folder, kind), seen);
   }
-  for (const ReachGoal goal : {ReachGoal::range, ReachGoal::press, ReachGoal::track}) {
+  for (const ReachGoal goal : {ReachGoal::range, ReachGoal::press, ReachGoal::track, ReachGoal::weigh}) {
     SCOPED_TRACE(to_string(goal));
     const TempFolder folder;
     compare_with_numpy(folder, write_assessed(folder, goal), seen);

@@ -81,7 +81,7 @@ void change_everything(const json& whole, const json& part, const json::json_poi
     for (std::size_t i = 0; i < part.size(); ++i) change_everything(whole, part[i], at / i, changed);
   } else if (at.back() == "mode") {
     for (const char* mode : {"passive", "assisted", "tunnel", "cursor", "resist", "free", "reach", "range", "press",
-                             "track", "sense", "other"})
+                             "track", "weigh", "sense", "other"})
       with(mode);
   } else {
     for (const json& value :
@@ -130,6 +130,12 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
        "move": 0.5, "stay": 0.6, "answer_time": 5, "start": [0, 0.01, 0]}}]})");
   EXPECT_TRUE(is_read(assessed));
   change_everything(assessed, assessed, json::json_pointer(), programmes);
+  const json supported = json::parse(R"({"haptrace_programme": 1, "support": {"share": 0.5}, "up": [0, 0, 1],
+      "warm_up": [{"mode": "weigh", "weigh": {"tries": 2, "start": [0, 0.01, 0], "stiffness": 300, "energy": 1}}],
+      "exercises": [{"path": "a.h5", "mode": "free", "support": 2}, {"path": "a.h5", "mode": "tunnel"},
+                    {"mode": "press", "press": {"targets": [[0, 0.1, 0]]}}]})");
+  EXPECT_TRUE(is_read(supported));
+  change_everything(supported, supported, json::json_pointer(), programmes);
   ASSERT_GT(programmes.size(), 1000U);
   const std::vector<bool> valid = by_schema(programmes);
   ASSERT_EQ(valid.size(), programmes.size());

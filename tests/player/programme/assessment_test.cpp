@@ -205,7 +205,7 @@ TEST(PressAssessment, EndsBeforeTheForceOfTheLockDecays) {
       assessed(goal_ahead(ReachGoal::press), lock(8), {.start_hold = 0.5, .time_limit = 30, .hold = 0.3},
                pressing(3, 0, random, real));
   EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition)) << "a press of 2 s is whole";
-  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + ReachForces::kHolds, 0.3);
+  EXPECT_NEAR(tried.recorded.time.back() - tried.recorded.time.front(), 0.3 + ClampOptions{}.holds, 0.3);
   EXPECT_NEAR(tried.figures.press.value_or(PressFigures{}).force, 3, 0.1);
 }
 
@@ -249,6 +249,85 @@ TEST(PressAssessment, LetsTheHandGoSlowly) {
   EXPECT_EQ(forces.force().norm(), 0);
 }
 
+ReachTrial weighing() {
+  ReachTrial trial{.geometry = {.target = Vec3(0, -0.03, 0), .lateral = Vec3::UnitX()}, .goal = ReachGoal::weigh};
+  trial.largest = 8;
+  return trial;
+}
+
+ReachForces::Options carrying(double max_force) {
+  ReachForces::Options options = lock(max_force);
+  options.clamp->stiffness = 500;
+  options.clamp->holds = 8;
+  return options;
+}
+
+/// An arm that is held in the start before the cue, and rests on the device within 0.5 s after it, trembling.
+Hand resting(double weight, double tremor, std::mt19937_64& random) {
+  return [&, weight, tremor](double since, const Vec3& p, const Vec3& v) {
+    const double share = std::clamp((since - 0.4) / 0.5, 0.0, 1.0);
+    const double noise = tremor * std::normal_distribution<double>()(random);
+    return Vec3(Vec3(0, -share * weight + noise, 0) + (1 - share) * held_at(Vec3::Zero(), p, v) - 15 * v);
+  };
+}
+
+TEST(WeighAssessment, TheMeanOf200ArmsIsWithinFivePerCentOfTheirWeight) {
+  std::mt19937_64 random(4);
+  double truth = 0, shown = 0;
+  for (int session = 0; session < 200; ++session) {
+    const double weight = std::uniform_real_distribution(0.5, 6.0)(random);
+    const AssessedTrial tried = assessed(weighing(), carrying(8), {.start_hold = 0.5, .time_limit = 6, .hold = 0},
+                                         resting(weight, 0.3, random));
+    ASSERT_TRUE(tried.figures.weigh);
+    EXPECT_EQ(tried.figures.weigh->refused, "") << weight;
+    EXPECT_FALSE(tried.figures.weigh->at_limit) << weight;
+    EXPECT_NEAR(tried.figures.weigh->weight, weight, 0.05 * weight + 0.05);
+    EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition)) << "the lock holds for all of it";
+    truth += weight;
+    shown += tried.figures.weigh->weight;
+  }
+  EXPECT_NEAR(shown / truth, 1, 0.05);
+}
+
+TEST(WeighAssessment, IsALowerBoundForAnArmThatIsTooHeavyAndNoResultForOneThatDoesNotRest) {
+  std::mt19937_64 random(1);
+  const ReachCourse course{.start_hold = 0.5, .time_limit = 6, .hold = 0};
+  ReachTrial trial = weighing();
+  trial.largest = 4;
+  const AssessedTrial heavy = assessed(trial, carrying(4), course, resting(9, 0, random));
+  EXPECT_THAT(heavy.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over))
+      << "the lock gives way, and spoils the trial";
+  const AssessedTrial moving =
+      assessed(weighing(), carrying(8), course, [](double since, const Vec3&, const Vec3& v) {
+        return Vec3(Vec3(0, since < 0 ? 0 : -2 + 2 * std::sin(9 * since), 0) - 5 * v);
+      });
+  EXPECT_THAT(moving.figures.weigh.value_or(WeighFigures{}).refused, HasSubstr("so it did not rest"));
+  const AssessedTrial nobody = assessed(weighing(), carrying(8), course,
+                                        [](double, const Vec3& p, const Vec3& v) { return held_at(Vec3::Zero(), p, v); });
+  EXPECT_THAT(nobody.figures.weigh.value_or(WeighFigures{}).refused, HasSubstr("no arm rested on the device"));
+}
+
+TEST(WeighAssessment, WaitsForNoArmThatRestsBeforeTheCue) {
+  const AssessedTrial tried = assessed(weighing(), carrying(8), {.start_hold = 0.5, .time_limit = 6, .hold = 0},
+                                       [](double since, const Vec3& p, const Vec3& v) {
+                                         const Vec3 weight(0, p.norm() > 0 || since >= 0 ? -4 : -0.01, 0);
+                                         return Vec3(weight - 15 * v);
+                                       });
+  EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition));
+  EXPECT_NEAR(tried.figures.weigh.value_or(WeighFigures{}).weight, 4, 0.1);
+}
+
+TEST(WeighAssessment, HoldsTheArmWithAForceThatTheMotorsCanHold) {
+  DeviceInfo info = test::PointMass().info();
+  info.max_continuous_force = 2;
+  ReachOptions options{.trial = weighing(), .course = {.time_limit = 6}};
+  const ReachPlan plan = plan_reach(info, options);
+  EXPECT_NEAR(plan.trial.largest, 1.5, 1e-9) << "below the knee of the continuous limit";
+  EXPECT_GE(plan.forces.clamp->holds, 6) << "it does not decay within the trial";
+  info.force_axes = {true, false, true};
+  EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }), HasSubstr("no motor along y"));
+}
+
 TEST(PressAssessment, KeepsTheBreakOutAndTheForceLimitsOfTheSession) {
   const DeviceInfo info = test::PointMass().info();
   ReachOptions options{.trial = goal_ahead(ReachGoal::press), .clamp_stiffness = 100, .break_out = 0.01};
@@ -271,7 +350,7 @@ TEST(PressAssessment, NeedsASensorForALockedHandleAndMotorsForALock) {
   EXPECT_GT(plan_reach(info, options).trial.largest, 0);
   info.force_axes = {false, false, false};
   EXPECT_THAT(error_of([&] { (void)plan_reach(info, options); }),
-              HasSubstr("has no motor along x, which the lock of a press needs"));
+              HasSubstr("has no motor along x, which the lock needs"));
 }
 
 TEST(TrackAssessment, FindsDelayAndGainOfHandsThatFollowTheTarget) {
@@ -477,7 +556,7 @@ TEST(AssessmentPlan, RefusesWhatTheDeviceHasNoMotorOrSensorFor) {
     });
   };
   EXPECT_THAT(error(R"({"mode": "press", "press": {"targets": [[0.01, 0, 0], [0, 0.01, 0]]}})"),
-              HasSubstr("p.json: 'exercise 1': Hapkit has no motor along y, which the lock of a press needs"));
+              HasSubstr("p.json: 'exercise 1': Hapkit has no motor along y, which the lock needs"));
   EXPECT_THAT(error(R"({"mode": "press", "press": {"targets": [[0, 0.01, 0]], "locked": true}})"),
               HasSubstr("has no force sensor"));
   EXPECT_THAT(error(R"({"mode": "sense", "sense": {"axis": [0, 1, 0], "reference": 0.01, "differences": [0.002]}})"),

@@ -1,0 +1,25 @@
+#include "control/arm_support.h"
+
+#include "base/error.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace haptrace {
+
+ArmSupport::ArmSupport(const Options& options) : options_(options) {
+  check_range("the support of the arm", options.force, 0, 1000, "N");
+  check_range("the length of the direction upwards", options.up.norm(), 1 - 1e-6, 1 + 1e-6, "");
+  check_range("the height at which the support ends", options.top, -100, 100, "m");
+  check_range("the way over which the support ends", options.fade, 1e-4, 10, "m");
+}
+
+Vec3 ArmSupport::update(const State& state, bool acts) noexcept {
+  if (!(state.dt > 0) || !is_finite(state.position) || !is_finite(state.velocity)) return Vec3::Zero();
+  const double on = on_.advance(acts ? 1 : 0, state.dt, acts ? kRise : kFall);
+  const double rises = state.velocity.dot(options_.up), left = options_.top - state.position.dot(options_.up);
+  const double carried = std::clamp((kFastest - rises) / (kFastest - kCarried), 0.0, 1.0);
+  return on * carried * std::clamp(left / options_.fade, 0.0, 1.0) * options_.force * options_.up;
+}
+
+}  // namespace haptrace

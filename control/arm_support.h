@@ -1,0 +1,52 @@
+// Support of an arm: a steady force upwards that carries a part of its weight.
+#pragma once
+
+#include "control/controller.h"
+#include "control/limits.h"
+
+namespace haptrace {
+
+/// A force that carries a part of an arm's weight, whatever else a session does.
+///
+///     F = r(t) s(v . u) h(p . u) F_0 u
+///
+/// u is the unit vector upwards. r rises over kRise and, while a request takes the forces away, falls over kFall. It
+/// cannot know whether an arm is there, so it gives an empty handle neither speed nor a push against its stop:
+///   - s falls from 1 to 0 while the hand rises faster than kCarried, up to kFastest: damping, of a rise alone;
+///   - h falls from 1 at `top` - `fade` to 0 at `top`: a spring, of stiffness F_0 / fade.
+///
+/// Energy: with r steady, F is a potential less what s takes. It gives at most F_0 times the way from the lowest place
+/// to the top, as the arm gave when it came down.
+///
+/// A stale state is no state: at a first tick, after a gap, and for values that are not finite, the force is zero.
+///
+/// Real-time: all but the constructor. Threads: one at a time.
+class ArmSupport {
+ public:
+  static constexpr double kRise = 2, kFall = 0.5;            ///< [s]
+  static constexpr double kCarried = 0.25, kFastest = 0.75;  ///< speeds upwards [m/s]
+
+  struct Options {
+    double force = 0;         ///< F_0 [N]
+    Vec3 up = Vec3::UnitY();  ///< u, in W
+    double top = 1;           ///< height p . u of the end of the workspace [m]
+    double fade = 0.03;       ///< [m]
+  };
+
+  /// Throws Error(input) naming the value that is out of its range.
+  explicit ArmSupport(const Options& options);
+
+  /// The force rises anew.
+  void begin() noexcept { on_ = Ramp(0); }
+
+  /// Returns the force on the hand, in W [N]. `acts` turns it on or off.
+  [[nodiscard]] Vec3 update(const State& state, bool acts) noexcept;
+
+  [[nodiscard]] const Options& options() const noexcept { return options_; }
+
+ private:
+  Options options_;
+  Ramp on_{0};
+};
+
+}  // namespace haptrace

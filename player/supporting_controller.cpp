@@ -1,0 +1,67 @@
+#include "player/supporting_controller.h"
+
+#include "base/error.h"
+#include "control/tunnel_wall.h"
+#include "devices/device.h"
+#include "devices/loop/servo_loop.h"
+#include "player/device_path.h"
+#include "player/passivity_defaults.h"
+
+#include <algorithm>
+#include <fmt/format.h>
+
+namespace haptrace {
+
+SupportingController::SupportingController(Controller& inner, const ArmSupport::Options& support,
+                                           const TouchOptions& touch)
+    : inner_(inner), support_(support), mailbox_(touch.requests), rests_in_pause_(touch.rests_in_pause) {}
+
+void SupportingController::forget() noexcept {
+  support_.begin();
+  carried_.setZero();
+}
+
+void SupportingController::start(const State& first) noexcept {
+  requests_ = RequestFollower(mailbox_, rests_in_pause_);
+  inner_.start(first);
+  forget();
+}
+
+void SupportingController::resume(const State& first) noexcept {
+  inner_.resume(first);
+  forget();
+}
+
+Command SupportingController::update(const State& state) noexcept {
+  requests_.update(state.dt);
+  State seen = state;
+  seen.force_touched += state.share_applied * carried_;
+  Command command = inner_.update(seen);
+  carried_ = requests_.share() * support_.update(state, requests_.wanted_share() > 0);
+  command.wrench.force += carried_;
+  command.feedforward += carried_;
+  return command;
+}
+
+SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options) {
+  constexpr double kMost = 1000, kStiffest = 150;  // [N], of the end at the top [N/m]
+  const SupportOptions& asked = options.support;
+  check_range("--support", asked.force, 0, kMost, "N");
+  check_motors(device, asked.up, "the support of the arm");
+  SupportPlan plan{.support = {.force = asked.force, .up = asked.up}, .warnings = {}};
+  const double most = kSupportShare * ServoLoop::in_force(device, options.loop.limits).max_continuous_force;
+  if (most > 0 && asked.force > most) {
+    plan.support.force = most;
+    plan.warnings.push_back(
+        fmt::format("the arm is supported with {:.2g} N instead of {:.3g} N: {} can hold no more for long", most,
+                    asked.force, device.model));
+  }
+  const Box workspace = workspace_of(device);
+  plan.support.top = asked.up.cwiseProduct(workspace.min).cwiseMax(asked.up.cwiseProduct(workspace.max)).sum();
+  const double delay = options.touch.plant ? options.touch.plant->delay : kUnknownDelay;
+  plan.support.fade =
+      std::max(plan.support.force / std::min(kStiffest, largest_wall_stiffness(options.loop.rate_hz, delay)), 1e-3);
+  return plan;
+}
+
+}  // namespace haptrace

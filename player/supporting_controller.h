@@ -1,0 +1,58 @@
+// A controller whose hand is also relieved of a part of its arm's weight.
+#pragma once
+
+#include "control/arm_support.h"
+#include "player/session.h"
+#include "player/tuning/session_requests.h"
+
+#include <string>
+#include <vector>
+
+namespace haptrace {
+
+/// Adds the support of the arm to another controller: F = F_inner + share F_support, before every limit.
+///
+/// It is known beforehand, so it is feedforward, which the loop does not soften: an arm must not drop because a wall
+/// vibrates. `share` follows the requests from outside, like the feedback of other controllers.
+///
+/// `inner` gets the whole force in State::force_applied, because the support is in the motors and no load. It gets the
+/// support in State::force_touched, too: the energy account of guidance leaves it out. While the loop softens, that is
+/// less than what acted, and the rest counts as given by the guidance.
+///
+/// Real-time: all but the constructor.
+class SupportingController final : public Controller {
+ public:
+  /// Borrows `inner` and the requests of `touch`. Throws what ArmSupport throws.
+  SupportingController(Controller& inner, const ArmSupport::Options& support, const TouchOptions& touch);
+
+  void start(const State& first) noexcept override;
+  void resume(const State& first) noexcept override;
+  [[nodiscard]] Command update(const State& state) noexcept override;
+  void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
+
+ private:
+  void forget() noexcept;
+
+  Controller& inner_;
+  ArmSupport support_;
+  Mailbox<SessionRequests>* mailbox_;
+  bool rests_in_pause_;
+  RequestFollower requests_;
+  Vec3 carried_ = Vec3::Zero();  ///< support, as sent to the loop at the last tick [N]
+};
+
+/// A support that was checked against a device.
+struct SupportPlan {
+  ArmSupport::Options support;
+  std::vector<std::string> warnings;
+};
+
+/// Returns the support of a session on a device: at most kSupportShare of the force that the motors can hold, so that
+/// the rest of the session has some, and ending below the top of the workspace as softly as the device is stable.
+/// Throws Error(input) if the device has no motor against gravity, or a value is out of its range.
+SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options);
+
+inline constexpr double kSupportShare = 0.7;    ///< of the continuous force
+inline constexpr double kSupportedRelease = 1;  ///< least time in which the forces of such a session fade out [s]
+
+}  // namespace haptrace

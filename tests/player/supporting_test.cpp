@@ -1,0 +1,174 @@
+// Tests of sessions in which the device carries a part of the arm's weight.
+#include "control/path/shapes.h"
+#include "devices/registry.h"
+#include "formats/recording/recording.h"
+#include "player/guidance/guide.h"
+#include "player/playback/playback.h"
+#include "player/record.h"
+#include "player/supporting_controller.h"
+#include "tests/support/allocations.h"
+#include "tests/support/errors.h"
+#include "tests/support/point_mass.h"
+#include "tests/support/scripted.h"
+#include "tests/support/temp_folder.h"
+
+#include <cmath>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace haptrace {
+namespace {
+
+using test::error_of;
+using test::Log;
+using test::PointMass;
+using test::TempFolder;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+constexpr double kCautious = 3;  // continuous force of a point mass [N]
+
+/// Records `seconds` of a device whose arm is supported.
+SessionResult recorded(Device& device, SessionOptions session, double seconds, Log& log) {
+  StopRequest stop;
+  int ticks = 0;
+  test::Scripted nothing([&](const State&) {
+    if (++ticks > 1000 * seconds) stop.raise();
+    return Command{.phase = Phase::run};
+  });
+  SampleSink* const sinks[] = {&log};
+  return run_session(device, nothing, {}, sinks, session, stop);
+}
+
+TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
+  std::vector<Vec3> touched;
+  touched.reserve(4000);
+  test::Scripted inner([&](const State& state) {
+    touched.push_back(state.force_touched);
+    Command command;
+    command.wrench.force = Vec3(1, 0, 0);
+    command.phase = Phase::run;
+    return command;
+  });
+  SupportingController both(inner, {.force = 2, .up = Vec3::UnitY(), .top = 1, .fade = 0.02}, {});
+  Command last;
+  for (int tick = 0; tick < 3000; ++tick) {
+    State state{.tick = static_cast<std::uint64_t>(tick), .dt = tick == 0 ? 0 : 1e-3};
+    state.share_applied = 0.5;
+    if (tick == 0) both.start(state);
+    const std::size_t before = test::allocations();
+    last = both.update(state);
+    ASSERT_EQ(test::allocations(), before);
+  }
+  EXPECT_TRUE(last.wrench.force.isApprox(Vec3(1, 2, 0), 1e-9));
+  EXPECT_TRUE(last.feedforward.isApprox(Vec3(0, 2, 0), 1e-9));
+  EXPECT_EQ(last.phase, Phase::run);
+  EXPECT_TRUE(touched.back().isApprox(Vec3(0, 1, 0), 1e-9)) << "the share that acted";
+}
+
+TEST(Support, ReachesTheDeviceTheResultAndTheRecording) {
+  const TempFolder folder;
+  PointMass device(1, 40);
+  Log log;
+  SessionOptions session{.recording = SessionOptions::Recording{.file = folder / "supported.h5"}};
+  session.support = {.force = 2, .up = Vec3(0, 0, 1)};
+  const SessionResult result = recorded(device, session, 4, log);
+  EXPECT_EQ(result.servo.cause, StopCause::interrupted);
+  EXPECT_EQ(result.support, 2);
+  EXPECT_NEAR(log.samples.at(500).force.z(), 0.5, 0.02) << "it rises over two seconds";
+  EXPECT_NEAR(log.samples.at(3900).force.z(), 2, 0.02);
+  EXPECT_EQ(log.samples.at(3900).force.x(), 0);
+  EXPECT_NEAR(log.samples.at(4500).force.z(), 1, 0.1) << "an arm must not drop: it goes over a second";
+  EXPECT_TRUE(device.forces().back().isZero(0)) << "every way out sends zero";
+  const RecordingReader reader(folder / "supported.h5");
+  EXPECT_EQ(reader.header().config["support"], 2);
+  EXPECT_EQ(to_json(result)["support_n"], 2);
+}
+
+TEST(Support, IsAtMostWhatTheMotorsCanHoldAndSaysSo) {
+  PointMass device(1, 40);
+  Log log;
+  SessionOptions session;
+  session.support = {.force = 8, .up = Vec3::UnitY()};
+  const SessionResult result = recorded(device, session, 3, log);
+  EXPECT_NEAR(result.support, kSupportShare * kCautious, 1e-9);
+  ASSERT_EQ(result.warnings.size(), 1U) << "and no force limit acts";
+  EXPECT_EQ(result.warnings[0].code, "support");
+  EXPECT_THAT(result.warnings[0].text, HasSubstr("supported with 2.1 N instead of 8 N"));
+  session.loop.limits.max_continuous_force = 1;
+  EXPECT_NEAR(plan_support(device.info(), session).support.force, 0.7, 1e-9);
+}
+
+TEST(Support, NeedsAMotorAgainstGravity) {
+  DeviceInfo info = PointMass().info();
+  info.force_axes = {true, true, false};
+  SessionOptions session;
+  session.support = {.force = 1, .up = Vec3::UnitZ()};
+  EXPECT_THAT(error_of([&] { (void)plan_support(info, session); }), HasSubstr("no motor along z"));
+  session.support.up = Vec3::UnitY();
+  EXPECT_THAT(plan_support(info, session).warnings, IsEmpty());
+  session.support.force = -1;
+  EXPECT_THAT(error_of([&] { (void)plan_support(info, session); }), HasSubstr("--support"));
+}
+
+TEST(Support, EndsBelowTheTopOfTheWorkspaceWhereAHandleThatNobodyHoldsStops) {
+  for (const double mass : {0.06, 0.5}) {
+    PointMass device(mass, 0.5);
+    device.place(Vec3(0, -0.1, 0));
+    Log log;
+    SessionOptions session;
+    session.support = {.force = 2, .up = Vec3::UnitY()};
+    const SessionResult result = recorded(device, session, 8, log);
+    EXPECT_EQ(result.servo.cause, StopCause::interrupted) << "no limit and no guard had to end it";
+    double fastest = 0;
+    for (const Sample& sample : log.samples) fastest = std::max(fastest, sample.velocity.y());
+    EXPECT_LT(fastest, ArmSupport::kFastest) << mass;
+    EXPECT_LE(log.samples.back().position.y(), device.info().workspace_max.y() + 5e-3) << mass;
+    EXPECT_NEAR(log.samples.at(7900).velocity.y(), 0, 0.01) << mass;
+  }
+}
+
+TEST(Support, OfATraineeIsNotChargedToTheEnergyOfGuidance) {
+  const TempFolder folder;
+  // A circle in an upright plane: the support gives and takes 0.16 J in every turn.
+  Path path = make_shape("circle", {.size = 0.08, .duration = 4, .turns = 3});
+  path.name = "circle";
+  const std::string intent = folder / "circle.csv";
+  save_path(path, intent, "circle", true);
+  const auto run = [&](double force) {
+    const auto device = open_device(fmt::format("sim:preset=omega3,hand=firm,seed=3,intent={}", intent));
+    GuideOptions options{.force_scale = 0, .energy = 0.1};
+    options.session.support = {.force = force, .up = Vec3::UnitY()};
+    return guide(*device, plan_guidance(device->info(), source_of(path), options), options, StopRequest{});
+  };
+  const GuideResult without = run(0), with = run(2);
+  EXPECT_EQ(with.session.servo.cause, StopCause::finished);
+  EXPECT_EQ(with.session.support, 2);
+  EXPECT_EQ(with.time_empty, 0);
+  EXPECT_LE(with.energy_given, with.energy_budget);
+  EXPECT_NEAR(with.energy_given, without.energy_given, 0.02) << "J";
+}
+
+TEST(Support, RelievesAHandWhoseArmIsHeavy) {
+  const TempFolder folder;
+  Path path = make_shape("circle", {.size = 0.06, .duration = 4, .turns = 2});
+  const std::string intent = folder / "circle.csv";
+  save_path(path, intent, "circle", true);
+  const auto device_json = folder.write("heavy.json", R"({"preset": "omega3", "gravity_bias": [0, -2, 0]})");
+  const auto sag = [&](double force) {
+    const auto device = open_device(fmt::format("sim:spec={},hand=relaxed,seed=3,intent={}", device_json, intent));
+    GuideOptions options{.free = true};
+    options.guidance.led = false;
+    options.guidance.max_deviation = 10;
+    options.session.support = {.force = force, .up = Vec3::UnitY()};
+    return guide(*device, plan_guidance(device->info(), source_of(path), options), options, StopRequest{})
+        .last.tracking.rms_error;
+  };
+  const double heavy = sag(0), carried = sag(2);
+  EXPECT_LT(carried, 0.6 * heavy) << "free of guidance, but not of support";
+}
+
+}  // namespace
+}  // namespace haptrace
