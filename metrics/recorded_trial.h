@@ -109,16 +109,16 @@ inline constexpr int kFigureDefinitions = 2;
 
 /// One metric of a trial, by name.
 struct TrialFigure {
-  const char* name;   ///< with its unit, as in JSON and CSV: contour_rms_m
-  const char* title;  ///< for users
-  const char* unit;   ///< shown to users; "" for none
-  double scale;       ///< factor from SI to that unit
-  int digits;         ///< decimals shown to users
-  int better;         ///< -1: less is better; 1: more is; 0: neither
-  std::optional<double> (*value)(const TrialFigures& figures);
-  const char* meaning;   ///< definition and source, for users
-  const char* filter;    ///< filter of the samples, in words
-  bool limited = false;  ///< a device may end before the person does: then the metric is a lower bound
+  const char* name = "";   ///< with its unit, as in JSON and CSV: contour_rms_m
+  const char* title = "";  ///< for users
+  const char* unit = "";   ///< shown to users; "" for none
+  double scale = 1;        ///< factor from SI to that unit
+  int digits = 0;          ///< decimals shown to users
+  int better = 0;          ///< -1: less is better; 1: more is; 0: neither
+  std::optional<double> (*value)(const TrialFigures& figures) = nullptr;
+  const char* meaning = "";  ///< definition and source, for users
+  const char* filter = "";   ///< filter of the samples, in words
+  bool limited = false;      ///< a device may end before the person does: then the metric is a lower bound
 };
 
 /// Returns every metric, in the order of reports.

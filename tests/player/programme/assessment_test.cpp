@@ -297,13 +297,13 @@ TEST(WeighAssessment, IsALowerBoundForAnArmThatIsTooHeavyAndNoResultForOneThatDo
   const AssessedTrial heavy = assessed(trial, carrying(4), course, resting(9, 0, random));
   EXPECT_THAT(heavy.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over))
       << "the lock gives way, and spoils the trial";
-  const AssessedTrial moving =
-      assessed(weighing(), carrying(8), course, [](double since, const Vec3&, const Vec3& v) {
-        return Vec3(Vec3(0, since < 0 ? 0 : -2 + 2 * std::sin(9 * since), 0) - 5 * v);
-      });
+  const AssessedTrial moving = assessed(weighing(), carrying(8), course, [](double since, const Vec3&, const Vec3& v) {
+    return Vec3(Vec3(0, since < 0 ? 0 : -2 + 2 * std::sin(9 * since), 0) - 5 * v);
+  });
   EXPECT_THAT(moving.figures.weigh.value_or(WeighFigures{}).refused, HasSubstr("so it did not rest"));
-  const AssessedTrial nobody = assessed(weighing(), carrying(8), course,
-                                        [](double, const Vec3& p, const Vec3& v) { return held_at(Vec3::Zero(), p, v); });
+  const AssessedTrial nobody = assessed(weighing(), carrying(8), course, [](double, const Vec3& p, const Vec3& v) {
+    return held_at(Vec3::Zero(), p, v);
+  });
   EXPECT_THAT(nobody.figures.weigh.value_or(WeighFigures{}).refused, HasSubstr("no arm rested on the device"));
 }
 
