@@ -424,7 +424,8 @@ TEST_F(ProgrammeSession, EndsASittingAtOnceWhenTheForceDoseIsReached) {
   EXPECT_FALSE(last.done());
   EXPECT_THAT(last.notices, testing::Contains(HasSubstr("the force dose of the sitting reached 5 N s")));
   EXPECT_THAT(RecordingReader(file(last.file)).header().warnings.dump(), HasSubstr("reached 5 N s"));
-  const LoggedTrial& again = resume().log.trials[result.log.trials.size()];
+  const SessionLog resumed = resume().log;
+  const LoggedTrial& again = resumed.trials.at(result.log.trials.size());
   EXPECT_EQ(again.repetition, last.repetition);
   EXPECT_EQ(again.attempt, 2);
 }
