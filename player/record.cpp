@@ -51,8 +51,11 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
     sinks.push_back(options.live);
     session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
-  if (const Scene* scene = session.touch.scene.get()) {
-    if (scene->options().passivity && options.identified) session.touch.plant = options.identified(device.info());
+  const Scene* const scene = session.touch.scene.get();
+  const bool supports = session.support.force > 0;
+  if (scene != nullptr || supports) {
+    const bool needs_plant = supports || scene->options().passivity;
+    if (needs_plant && options.identified) session.touch.plant = options.identified(device.info());
     if (options.live != nullptr) session.touch.requests = &options.live->requests();
   } else {
     // Only zero force is sent, so the speed of the hand needs no limit.

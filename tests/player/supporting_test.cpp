@@ -101,6 +101,17 @@ TEST(Support, IsAtMostWhatTheMotorsCanHoldAndSaysSo) {
   EXPECT_NEAR(plan_support(device.info(), session).support.force, 0.7, 1e-9);
 }
 
+TEST(Support, KeepsTheSpeedLimitOfARecording) {
+  PointMass device(0.5, 0);
+  device.throw_at(Vec3(2, 0, 0));
+  RecordOptions options{.duration = 2};
+  options.session.loop.limits.max_velocity = 1.5;
+  const TempFolder folder;
+  options.session.recording = SessionOptions::Recording{.file = folder / "thrown.h5"};
+  options.session.support = {.force = 1, .up = Vec3::UnitY()};
+  EXPECT_EQ(record(device, options, StopRequest{}).servo.cause, StopCause::velocity);
+}
+
 TEST(Support, NeedsAMotorAgainstGravity) {
   DeviceInfo info = PointMass().info();
   info.force_axes = {true, true, false};
