@@ -22,7 +22,7 @@ struct RecordOptions {
   /// Returns the calibrated model of a device, for a scene with a passivity layer. If not set, no device counts as
   /// calibrated.
   std::function<std::optional<PlantModel>(const DeviceInfo&)> identified;
-  SessionOptions session;       ///< without a scene in `touch`, no force is sent
+  SessionOptions session;       ///< without a scene in `touch` and without support, no force is sent
   LiveSession* live = nullptr;  ///< borrowed, may be null: commands to the session, whose notices become warnings
 };
 
