@@ -43,8 +43,9 @@ RecordedScene recorded(const Scene& scene) {
   return kept;
 }
 
-RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info, bool virtual_time) {
+RecordingHeader header_for(const SessionOptions& options, const Device& device, const SessionResult& result) {
   const SessionOptions::Recording& recording = *options.recording;
+  const DeviceInfo& info = device.info();
   RecordingHeader header;
   header.software = software_name();
   header.title = recording.title;
@@ -54,7 +55,7 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.meta = recording.meta;
   if (options.touch.scene) header.scene = recorded(*options.touch.scene);
   header.rate_hz = options.loop.rate_hz;
-  header.clock = virtual_time ? "virtual" : "monotonic";
+  header.clock = result.virtual_time ? "virtual" : "monotonic";
   header.config = recording.config;
   header.device_name = info.name;
   header.device_model = info.model;
@@ -62,6 +63,8 @@ RecordingHeader header_for(const SessionOptions& options, const DeviceInfo& info
   header.device_backend = info.backend;
   header.position_resolution_m = info.position_resolution;
   header.max_force_n = info.max_force;
+  if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
+  if (options.support.force != 0) header.config["support"] = result.support;
   return header;
 }
 
@@ -91,6 +94,7 @@ class Watch {
         result_(result) {}
 
   void look() {
+    const std::scoped_lock lock(looking_);
     SessionView view{.live = monitor_.latest()};
     warn_of_device(view);  // before the event of its return
     take_events(view);
@@ -109,7 +113,23 @@ class Watch {
   /// Adds a warning to the next view.
   void warn(Warning warning) { late_.push_back(std::move(warning)); }
 
-  [[nodiscard]] bool disk_is_low() const noexcept { return disk_is_low_; }
+  /// Notes that the session ends, and returns true once, when the disk is almost full and the session asked for that.
+  bool ends_for_disk() {
+    if (!disk_is_low_ || !options_.recording->end_when_disk_is_low || result_.ended_by_disk) return false;
+    return result_.ended_by_disk = true;
+  }
+
+  /// Returns a function that completes the recording when the session cannot end by itself; empty without a recording.
+  /// If the thread that watches the session hangs as well, its warnings are left out.
+  [[nodiscard]] std::function<void(const std::string&)> keep_when_ended() {
+    if (recorder_ == nullptr) return {};
+    return [this](const std::string& words) {
+      const std::unique_lock lock(looking_, std::chrono::seconds(1));
+      std::vector<Warning> warnings = lock ? result_.warnings : std::vector<Warning>();
+      warnings.push_back({Severity::problem, "process_ended", kNaN, words});
+      recorder_->finish(json_of(warnings));
+    };
+  }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -195,6 +215,7 @@ class Watch {
   Clock::time_point told_;
   std::uint64_t lost_told_ = 0, losses_told_ = 0;
   bool disk_is_low_ = false, stalled_ = false;
+  std::timed_mutex looking_;  ///< protects the list of warnings from the watchdog
 };
 
 /// Returns a warning if the machine caused missed ticks on the real clock. `doctor` allows a thousandth of the ticks.
@@ -224,18 +245,6 @@ void warn_of_end(SessionResult& result) {
     result.warn(Severity::problem, "force_not_zero", describe(result.zero_force));
 }
 
-/// Returns a function that completes the recording when the session cannot end by itself. If the thread that watches
-/// the session hangs as well, its warnings are left out.
-std::function<void(const std::string&)> keep_when_ended(Recorder& recorder, const SessionResult& result,
-                                                        std::timed_mutex& looking) {
-  return [&recorder, &result, &looking](const std::string& words) {
-    const std::unique_lock lock(looking, std::chrono::seconds(1));
-    std::vector<Warning> warnings = lock ? result.warnings : std::vector<Warning>();
-    warnings.push_back({Severity::problem, "process_ended", kNaN, words});
-    recorder.finish(json_of(warnings));
-  };
-}
-
 /// Returns the state of the motors. If a device was lost, perhaps with a force in its motors, waits for its return to
 /// remove that force.
 ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
@@ -249,6 +258,104 @@ ZeroForce zero_after(Device& device, const ServoReport& servo, Watch& watch) {
                           kZeroingWindow)});
   watch.look();
   return std::min(zero, zero_when_back(device.info()));
+}
+
+/// The controller of a session with what acts beside it: the support of the arm, and the scene.
+class ActingController {
+ public:
+  /// Borrows everything. Throws what plan_support and make_scene_controller throw.
+  ActingController(Controller& controller, const SessionOptions& options, const DeviceInfo& info)
+      : outermost_(&controller) {
+    if (options.support.force != 0) {
+      plan_ = plan_support(info, options);
+      outermost_ = &supporting_.emplace(controller, plan_.support, options.touch);
+    }
+    if (options.touch.scene) outermost_ = &touching_.emplace(*outermost_, options.touch, info, options.loop.rate_hz);
+  }
+
+  /// Returns the controller that the loop calls.
+  [[nodiscard]] Controller& outermost() noexcept { return *outermost_; }
+  /// Returns the support of the arm, if there is one.
+  [[nodiscard]] const SupportPlan* support() const noexcept { return supporting_ ? &plan_ : nullptr; }
+  /// Returns the controller that renders the scene, if there is one.
+  [[nodiscard]] const TouchingController* touching() const noexcept { return touching_ ? &*touching_ : nullptr; }
+
+ private:
+  Controller* outermost_;
+  SupportPlan plan_;
+  std::optional<SupportingController> supporting_;
+  std::optional<TouchingController> touching_;
+};
+
+/// Adds the columns of the scene and of the device to those of the controller.
+RecordingColumns with_device_columns(RecordingColumns columns, const DeviceInfo& info, const TouchOptions& touch) {
+  if (touch.scene) columns.contacts = true;
+  columns.orientation = info.measures_orientation;
+  columns.torque = info.takes_torque();
+  columns.force_measured = info.measures_force;
+  return columns;
+}
+
+/// Returns the warnings that are known before the first tick.
+std::vector<Warning> first_warnings(const SessionOptions& options) {
+  std::vector<Warning> warnings = options.known;
+  const TouchOptions& touch = options.touch;
+  if (!touch.scene) return warnings;
+  const auto note = [&](const std::vector<std::string>& texts) {
+    std::ranges::move(known_warnings(Severity::note, "scene", texts), std::back_inserter(warnings));
+  };
+  note(touch.scene->notes());
+  if (touch.slow) note(notes_on_prediction(*touch.scene, touch.slow->prediction));
+  return warnings;
+}
+
+/// Runs the loop to its end in a thread of its own, with a watchdog, and looks at the session meanwhile.
+ServoReport run_watched(ServoLoop& loop, Device& device, const ServoOptions& options, Watch& watch,
+                        const StopRequest& stop) {
+  StopRequest ours(&stop);
+  std::promise<ServoReport> promise;
+  std::future<ServoReport> report = promise.get_future();
+  std::jthread servo([&] {
+    const SignalStack stack;
+    promise.set_value(loop.run(ours));
+  });
+  std::optional<Watchdog> watchdog;
+  watchdog.emplace(Watchdog::Session{.pulse = loop.pulse(),
+                                     .device = device,
+                                     .stop = ours,
+                                     .keep = watch.keep_when_ended(),
+                                     .realtime = options.realtime && !options.virtual_time,
+                                     .virtual_time = options.virtual_time});
+  while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
+    watch.look();
+    if (watch.ends_for_disk()) ours.raise();
+  }
+  ServoReport ended = report.get();
+  servo.join();
+  watchdog.reset();
+  return ended;
+}
+
+/// Warns of a device and of a machine that did not keep up with the loop.
+void warn_of_rate(const SessionResult& result, Watch& watch) {
+  const ServoReport& servo = result.servo;
+  if (servo.lacks_states())
+    watch.warn({Severity::warning, "few_states", kNaN,
+                fmt::format("the device delivered only {:.0f} samples per second; the loop requested {:g}; check its "
+                            "cable and, on a serial port, the latency timer (haptrace doctor), or set a lower --rate",
+                            servo.achieved_rate(), servo.asked_rate)});
+  if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
+}
+
+/// Completes the recording with the warnings of the session. The result reports an error.
+void finish_recording(Recorder& recorder, SessionResult& result) {
+  try {
+    recorder.finish(json_of(result.warnings));
+  } catch (const Error& error) {
+    result.recording_error = error.what();
+    result.warn(Severity::problem, "recording_failed", error.what());
+  }
+  result.recording = recorder.status();
 }
 
 }  // namespace
@@ -286,106 +393,46 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   // Before the recorder is there, so that a wrong option leaves no file behind.
   ServoLoop::validate(info, loop_options);
   const auto estimator = make_velocity_estimator(options.velocity, options.loop.rate_hz, info.position_resolution);
-  result.warnings = options.known;
-  std::optional<SupportingController> supporting;
-  SupportPlan plan;
-  if (options.support.force != 0) {
-    plan = plan_support(info, options);
-    supporting.emplace(controller, plan.support, options.touch);
-    result.support = plan.support.force;
+  ActingController acting(controller, options, info);
+  if (acting.support() != nullptr) {
+    result.support = acting.support()->support.force;
     loop_options.limits.release = std::max(loop_options.limits.release, kSupportedRelease);
   }
-  Controller& inner = supporting ? static_cast<Controller&>(*supporting) : controller;
-  std::optional<TouchingController> touching;
-  if (options.touch.scene) {
-    touching.emplace(inner, options.touch, info, options.loop.rate_hz);
-    columns.contacts = true;
-    std::ranges::move(known_warnings(Severity::note, "scene", options.touch.scene->notes()),
-                      std::back_inserter(result.warnings));
-    if (options.touch.slow)
-      std::ranges::move(known_warnings(Severity::note, "scene",
-                                       notes_on_prediction(*options.touch.scene, options.touch.slow->prediction)),
-                        std::back_inserter(result.warnings));
-  }
-  Controller& acting = touching ? static_cast<Controller&>(*touching) : inner;
+  result.warnings = first_warnings(options);
+  columns = with_device_columns(columns, info, options.touch);
+
   LiveMonitor monitor;
   EventTally tally;
   std::vector<SampleSink*> sinks(extra_sinks.begin(), extra_sinks.end());
   sinks.push_back(&monitor);
   sinks.push_back(&tally);
-  columns.orientation = info.measures_orientation;
-  columns.torque = info.takes_torque();
-  columns.force_measured = info.measures_force;
-
   std::optional<Recorder> recorder;
-  if (options.recording) {
-    RecordingHeader header = header_for(options, info, result.virtual_time);
-    if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
-    if (supporting) header.config["support"] = result.support;
-    recorder.emplace(options.recording->file, header, columns, options.recording->options);
-    sinks.push_back(&*recorder);
-  }
+  if (options.recording)
+    sinks.push_back(&recorder.emplace(options.recording->file, header_for(options, device, result), columns,
+                                      options.recording->options));
   if (options.observer != nullptr) {
     sinks.push_back(&options.observer->sink());
     options.observer->begins(device, options, columns, result.virtual_time);
   }
-  ServoLoop loop(device, acting, *estimator, sinks, loop_options);
+  ServoLoop loop(device, acting.outermost(), *estimator, sinks, loop_options);
 
-  StopRequest ours(&stop);
   Watch watch(recorder ? &*recorder : nullptr, monitor, tally, options, progress, result);
-  for (Warning& warning : known_warnings(Severity::warning, "support", plan.warnings)) watch.warn(std::move(warning));
-  std::timed_mutex looking;  // protects the list of warnings from the watchdog
-  const auto look = [&] {
-    const std::scoped_lock lock(looking);
-    watch.look();
+  const auto warn_all = [&](const char* code, const std::vector<std::string>& texts) {
+    for (Warning& warning : known_warnings(Severity::warning, code, texts)) watch.warn(std::move(warning));
   };
-  std::promise<ServoReport> promise;
-  std::future<ServoReport> report = promise.get_future();
-  std::jthread servo([&] {
-    const SignalStack stack;
-    promise.set_value(loop.run(ours));
-  });
-  std::optional<Watchdog> watchdog;
-  watchdog.emplace(Watchdog::Session{
-      .pulse = loop.pulse(),
-      .device = device,
-      .stop = ours,
-      .keep = recorder ? keep_when_ended(*recorder, result, looking) : std::function<void(const std::string&)>(),
-      .realtime = options.loop.realtime && !result.virtual_time,
-      .virtual_time = result.virtual_time});
-  while (report.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
-    look();
-    if (!watch.disk_is_low() || !options.recording->end_when_disk_is_low || result.ended_by_disk) continue;
-    result.ended_by_disk = true;
-    ours.raise();
-  }
-  result.servo = report.get();
-  servo.join();
-  watchdog.reset();
+  if (acting.support() != nullptr) warn_all("support", acting.support()->warnings);
+  result.servo = run_watched(loop, device, loop_options, watch, stop);
   result.zero_force = zero_after(device, result.servo, watch);
   if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
-  if (result.servo.lacks_states())
-    watch.warn({Severity::warning, "few_states", kNaN,
-                fmt::format("the device delivered only {:.0f} samples per second; the loop requested {:g}; check its "
-                            "cable and, on a serial port, the latency timer (haptrace doctor), or set a lower --rate",
-                            result.servo.achieved_rate(), result.servo.asked_rate)});
-
-  if (auto overruns = overruns_of(result)) watch.warn(std::move(*overruns));
-  if (touching) {
-    result.touches = touching->scene().figures();
-    for (Warning& warning : known_warnings(Severity::warning, "scene_rate", touching->scene().remarks()))
-      watch.warn(std::move(warning));
+  warn_of_rate(result, watch);
+  if (acting.touching() != nullptr) {
+    result.touches = acting.touching()->scene().figures();
+    warn_all("scene_rate", acting.touching()->scene().remarks());
   }
-  look();
+  watch.look();
   warn_of_end(result);
   if (recorder) {
-    try {
-      recorder->finish(json_of(result.warnings));
-    } catch (const Error& error) {
-      result.recording_error = error.what();
-      result.warn(Severity::problem, "recording_failed", error.what());
-    }
-    result.recording = recorder->status();
+    finish_recording(*recorder, result);
     watch.look();
   }
   if (options.observer != nullptr) options.observer->ends(result);
