@@ -310,8 +310,8 @@ ExpertRecording open_with_force(const Arguments& arguments, const InputFile& inp
   return open_expert(input.path(), options, arguments.along.selection, progress.callback(), input.csv(), known);
 }
 
-/// Runs the verb and returns its exit code.
-int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
+/// Returns the options of the command line. Throws Error(input) if one is missing, invalid or without effect.
+GuideOptions checked_options(const CLI::App& verb, Arguments& arguments) {
   require(verb, "expert");
   require(verb, "--device");
   arguments.radius_given = verb.get_option("--radius")->count() > 0;
@@ -324,45 +324,96 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   inputs.push_back(arguments.expert);
   keep_inputs(arguments.record, inputs);
   options.session = arguments.session.options(arguments.record, effective_config(verb));
+  return options;
+}
+
+/// Opens the recordings of --spread.
+void open_spread(const Arguments& arguments, const Output& output, GuideOptions& options) {
+  for (const std::string& file : arguments.spread) {
+    CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
+    csv.name = file;
+    ReadProgress progress(output, csv.name);
+    options.spread.push_back(open_path(file, file == arguments.expert ? arguments.along.selection : PathSelection{},
+                                       progress.callback(), csv));
+  }
+}
+
+/// Moves the expert's path and those of --spread to where the trainee is guided, and returns the change.
+PathChange place_paths(const Arguments& arguments, Device& device, GuideOptions& options,
+                       std::shared_ptr<const PathSource>& expert) {
+  const PathChange change = arguments.along.change(device);
+  const Similarity moved = similarity_of(change, *expert);
+  expert = changed(std::move(expert), moved);
+  for (auto& other : options.spread) other = changed(std::move(other), moved);
+  keep_applied(options.session, "path_change", describe(change));
+  return change;
+}
+
+/// Adds to the notes of the plan those of the scene and of the expert's recording, and to the warnings of the
+/// recording those of the plan.
+void join_notes(const DeviceInfo& device, const GuideOptions& options, const std::vector<std::string>& of_scene,
+                GuidePlan& plan, ExpertRecording& opened) {
+  plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
+  plan.notes.insert(plan.notes.begin(), opened.notes.begin(), opened.notes.end());
+  std::ranges::copy(plan.warnings, std::back_inserter(opened.warnings));
+  std::ranges::move(notes_on_reach(options.session, device), std::back_inserter(plan.notes));
+}
+
+/// Prints the joined warnings and notes, makes them and the fit of the path known to the session, and returns them.
+std::vector<std::string> note_plan(const Output& output, const GuidePlan& plan, const ExpertRecording& opened,
+                                   SessionOptions& session) {
+  if (plan.fit) keep_applied(session, "path_fit", describe(*plan.fit));
+  note_before(output, session, "path", opened.warnings, Severity::warning);
+  note_before(output, session, "plan", plan.notes);
+  std::vector<std::string> notes = opened.warnings;
+  notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
+  return notes;
+}
+
+/// Shows on the page that the exercise begins.
+void begin_training(LivePage& page, const Arguments& arguments, const GuideOptions& options, const std::string& input) {
+  page.training([&](TrainingProgress& screen) {
+    TrainingTrial trial{.exercise = exercise_name(input), .mode = arguments.mode};
+    trial.repetitions = std::max(options.guidance.repetitions, 1);
+    trial.of = static_cast<std::size_t>(trial.repetitions);
+    screen.begin(trial);
+  });
+}
+
+/// Shows on the page how the exercise ended.
+void end_training(LivePage& page, const GuideResult& result) {
+  page.training([&](TrainingProgress& screen) {
+    const bool stopped = result.session.servo.cause != StopCause::finished;
+    screen.end(stopped,
+               TrainingScore{.time_in_tunnel = result.last.time_in_tunnel, .time = result.last.tracking.duration});
+    screen.finish(stopped);
+  });
+}
+
+/// Runs the verb and returns its exit code.
+int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
+  GuideOptions options = checked_options(verb, arguments);
   const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
 
-  const auto open = [&](const std::string& file, const PathSelection& selection, const CsvOptions& csv) {
-    ReadProgress progress(output, csv.name);
-    return open_path(file, selection, progress.callback(), csv);
-  };
   const InputFile input(arguments.expert, arguments.csv);
   ExpertRecording opened = open_with_force(arguments, input, output);
   std::shared_ptr<const PathSource> expert = opened.path;
   take_radius_of_path(arguments, input.path(), expert->facts(), options);
-  for (const std::string& file : arguments.spread) {
-    CsvOptions csv = is_hdf5(file) ? CsvOptions() : arguments.csv;
-    csv.name = file;
-    options.spread.push_back(open(file, file == arguments.expert ? arguments.along.selection : PathSelection{}, csv));
-  }
+  open_spread(arguments, output, options);
   const Signals signals;
   StopRequest stop(&signals.stop());
   LivePage page(arguments.view, arguments.session, output, "guide", stop);
   page.watch(options.session);
   const auto device = arguments.session.open();
-  const PathChange change = arguments.along.change(*device);
-  const Similarity moved = similarity_of(change, *expert);
-  expert = changed(std::move(expert), moved);
-  for (auto& other : options.spread) other = changed(std::move(other), moved);
-  keep_applied(options.session, "path_change", describe(change));
+  const DeviceInfo& info = device->info();
+  const PathChange change = place_paths(arguments, *device, options, expert);
   std::vector<std::string> notes =
-      note_device_and_path(output, options.session, device->info(), input.name(), expert->facts().notes);
-  if (const auto profile =
-          arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known))
+      note_device_and_path(output, options.session, info, input.name(), expert->facts().notes);
+  if (const auto profile = arguments.profile.find(info, arguments.session.rate_hz, output, &options.session.known))
     options.identified = profile->identified();
-  GuidePlan plan = plan_guidance(device->info(), expert, options);
-  plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
-  plan.notes.insert(plan.notes.begin(), opened.notes.begin(), opened.notes.end());
-  std::ranges::copy(plan.warnings, std::back_inserter(opened.warnings));
-  std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
-  if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
-  note_before(output, options.session, "path", opened.warnings, Severity::warning);
-  note_before(output, options.session, "plan", plan.notes);
-  for (const auto* more : {&opened.warnings, &plan.notes}) notes.insert(notes.end(), more->begin(), more->end());
+  GuidePlan plan = plan_guidance(info, expert, options);
+  join_notes(info, options, of_scene, plan, opened);
+  std::ranges::move(note_plan(output, plan, opened, options.session), std::back_inserter(notes));
 
   const std::unique_ptr<LiveGuidance> commands = commands_of(plan, options, stop);
   options.live = commands.get();
@@ -373,20 +424,10 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
                   arguments.session.mark_texts, arguments.session.keys, *commands, Keys::guide_keys());
   const double expected = options.guidance.repetitions * (plan.duration + options.guidance.hold + 0.5);
-  page.training([&](TrainingProgress& screen) {
-    TrainingTrial trial{.exercise = exercise_name(input.name()), .mode = arguments.mode};
-    trial.repetitions = std::max(options.guidance.repetitions, 1);
-    trial.of = static_cast<std::size_t>(trial.repetitions);
-    screen.begin(trial);
-  });
+  begin_training(page, arguments, options, input.name());
   const GuideResult result = guide(*device, plan, options, stop, progress_bar(output, expected, &keys, commands.get()));
+  end_training(page, result);
 
-  page.training([&](TrainingProgress& screen) {
-    const bool stopped = result.session.servo.cause != StopCause::finished;
-    screen.end(stopped,
-               TrainingScore{.time_in_tunnel = result.last.time_in_tunnel, .time = result.last.tracking.duration});
-    screen.finish(stopped);
-  });
   nlohmann::json json = to_json(result);
   json["mode"] = arguments.mode;
   json["feel"] = arguments.feel;
@@ -396,7 +437,7 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   json["notes"] = notes;
   if (!arguments.record.empty()) json["file"] = arguments.record;
   const int code = conclude(output, result.session);
-  output.tell(json, summary(arguments, result, device->info(), input.name(), change, opened.force));
+  output.tell(json, summary(arguments, result, info, input.name(), change, opened.force));
   return code;
 }
 

@@ -348,8 +348,8 @@ void add_safety_options(CLI::App& verb, PlayArguments& arguments) {
       ->group("Safety");
 }
 
-/// Runs the verb and returns its exit code.
-int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& output) {
+/// Returns the options of the command line. Throws Error(input) if one is missing, invalid or without effect.
+PlayOptions checked_options(const CLI::App& verb, const PlayArguments& arguments) {
   require(verb, "path");
   require(verb, "--device");
   PlayOptions options = options_of(arguments);
@@ -359,46 +359,50 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
               std::array{arguments.path, arguments.gains, arguments.impedance, arguments.along.place.frame});
   options.session = arguments.session.options(arguments.record, effective_config(verb));
   options.session.loop.limits.max_torque = arguments.max_torque;
-  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
+  return options;
+}
 
-  const InputFile input(arguments.path, arguments.csv);
+/// Returns true if no learned force belongs to the path. Throws Error(input) if one is to be learned then.
+bool has_no_memory(const PlayArguments& arguments, const InputFile& input) {
   // A path that starts wherever the tool is, is another path each time.
   const bool forgets = (input.passed_through() || arguments.along.start_here) && arguments.learned.empty();
   if (forgets && arguments.learn > 0)
     throw input_error(fmt::format("--learn with {} needs --learned, because the learned force has no file of its own",
                                   input.passed_through() ? input.name() : "--start-here"));
-  auto path = [&] {
-    ReadProgress progress(output, input.name());
-    return open_path(input.path(), arguments.along.selection, progress.callback(), input.csv());
-  }();
-  const Signals signals;
-  StopRequest stop(&signals.stop());
-  LivePage page(arguments.view, arguments.session, output, "play", stop);
-  page.watch(options.session);
-  const auto device = arguments.session.open();
+  return forgets;
+}
+
+/// Moves the path to where it is played, and returns the change.
+PathChange place_path(const PlayArguments& arguments, Device& device, PlayOptions& options,
+                      std::shared_ptr<const PathSource>& path) {
   // In the path's own file, the gains have the path's stamps.
   std::error_code none;
   if (options.impedance && !options.impedance->by_place &&
       std::filesystem::equivalent(arguments.path, arguments.impedance, none))
     for (double& t : options.impedance->at) t -= path->facts().begin;
-  const PathChange change = arguments.along.change(*device);
+  const PathChange change = arguments.along.change(device);
   const Similarity moved = similarity_of(change, *path);
   path = changed(std::move(path), moved);
   keep_applied(options.session, "path_change", describe(change));
-  std::vector<std::string> notes =
-      note_device_and_path(output, options.session, device->info(), input.name(), path->facts().notes);
-  const auto profile =
-      arguments.profile.find(device->info(), arguments.session.rate_hz, output, &options.session.known);
-  if (profile) options.identified = profile->identified();
-  require_law(arguments, options, device->info());
-  PlayPlan plan = plan_playback(device->info(), path, options);
+  return change;
+}
+
+/// Adds to the notes of the plan those of the scene, and one on a device that is not calibrated.
+void add_notes(const PlayArguments& arguments, const PlayOptions& options, const DeviceInfo& device,
+               const std::vector<std::string>& of_scene, PlayPlan& plan) {
   plan.notes.insert(plan.notes.begin(), of_scene.begin(), of_scene.end());
-  std::ranges::move(notes_on_reach(options.session, device->info()), std::back_inserter(plan.notes));
-  if (!profile && !arguments.profile.none)
+  std::ranges::move(notes_on_reach(options.session, device), std::back_inserter(plan.notes));
+  if (!options.identified && !arguments.profile.none)
     plan.notes.push_back(
         fmt::format("{} is not calibrated: PD control alone follows the path, usually with an error of "
                     "millimetres. Calibrate it: haptrace calibrate --device {}",
-                    device->info().model, device->info().name));
+                    device.model, device.name));
+}
+
+/// Prints the notes of the plan, makes them and the changes of its path known to the session, and returns them.
+std::vector<std::string> note_plan(const Output& output, const PlayArguments& arguments, const PlayPlan& plan,
+                                   PlayOptions& options) {
+  std::vector<std::string> notes;
   if (const std::string shaky = beyond_stability(arguments, plan, options); !shaky.empty()) {
     note_before(output, options.session, "plan", std::span(&shaky, 1), Severity::warning);
     notes.push_back(shaky);
@@ -407,21 +411,56 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   notes.insert(notes.end(), plan.notes.begin(), plan.notes.end());
   if (plan.fit) keep_applied(options.session, "path_fit", describe(*plan.fit));
   keep_applied(options.session, "path_stretch", describe(plan.stretch));
-  std::optional<LearnedMemory> memory;
-  if (options.identified && options.compensations.learning && !forgets) {
-    memory.emplace(memory_of(arguments, device->info(), change, options.identified->design.mass));
-    if (!arguments.forget) {
-      auto [table, refused] = memory->recall(plan.path->source());
-      if (!refused.empty()) note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
-      options.learned = std::move(table);
-    }
-    if (options.learn > 0) check_learned_output(memory->file());
-    if (!options.learned.force.empty()) plan = plan_playback(device->info(), path, options);
+  return notes;
+}
+
+/// Reads the learned force of the path into the options, unless --forget was given, and returns its memory.
+LearnedMemory recall_learned(const PlayArguments& arguments, const DeviceInfo& device, const PathChange& change,
+                             const PlayPlan& plan, const Output& output, PlayOptions& options) {
+  LearnedMemory memory = memory_of(arguments, device, change, options.identified->design.mass);
+  if (!arguments.forget) {
+    auto [table, refused] = memory.recall(plan.path->source());
+    if (!refused.empty()) note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
+    options.learned = std::move(table);
   }
-  if (arguments.along.loop && options.session.clock != ClockChoice::real && device->info().virtual_time)
+  if (options.learn > 0) check_learned_output(memory.file());
+  return memory;
+}
+
+/// Runs the verb and returns its exit code.
+int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& output) {
+  PlayOptions options = checked_options(verb, arguments);
+  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
+
+  const InputFile input(arguments.path, arguments.csv);
+  const bool forgets = has_no_memory(arguments, input);
+  std::shared_ptr<const PathSource> path = [&] {
+    ReadProgress progress(output, input.name());
+    return open_path(input.path(), arguments.along.selection, progress.callback(), input.csv());
+  }();
+  const Signals signals;
+  StopRequest stop(&signals.stop());
+  LivePage page(arguments.view, arguments.session, output, "play", stop);
+  page.watch(options.session);
+  const auto device = arguments.session.open();
+  const DeviceInfo& info = device->info();
+  const PathChange change = place_path(arguments, *device, options, path);
+  std::vector<std::string> notes =
+      note_device_and_path(output, options.session, info, input.name(), path->facts().notes);
+  const auto profile = arguments.profile.find(info, arguments.session.rate_hz, output, &options.session.known);
+  if (profile) options.identified = profile->identified();
+  require_law(arguments, options, info);
+  PlayPlan plan = plan_playback(info, path, options);
+  add_notes(arguments, options, info, of_scene, plan);
+  std::ranges::move(note_plan(output, arguments, plan, options), std::back_inserter(notes));
+  std::optional<LearnedMemory> memory;
+  if (options.identified && options.compensations.learning && !forgets)
+    memory = recall_learned(arguments, info, change, plan, output, options);
+  if (!options.learned.force.empty()) plan = plan_playback(info, path, options);
+  if (arguments.along.loop && options.session.clock != ClockChoice::real && info.virtual_time)
     output.remark("looping in virtual time until Ctrl+C");
 
-  LiveTuning tuning = tuning_of(arguments, plan, options, device->info(), stop);
+  LiveTuning tuning = tuning_of(arguments, plan, options, info, stop);
   options.tuning = &tuning;
   const LivePage::Use use(page, tuning);
   const TuningInputs inputs(arguments.tuning, tuning);
@@ -436,14 +475,13 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   json["tuning"] = tuning.history();
   if (!change.is_identity()) json["path_change"] = describe(change);
   json["notes"] = notes;
-  json["profile"] =
-      profile ? nlohmann::json{{"file", arguments.profile.used(device->info())}, {"created", profile->created}}
-              : nlohmann::json();
+  json["profile"] = profile ? nlohmann::json{{"file", arguments.profile.used(info)}, {"created", profile->created}}
+                            : nlohmann::json();
   if (!arguments.record.empty()) json["file"] = arguments.record;
   int code = conclude(output, result.session);
   if (memory && !result.lessons.empty() && !keep_learned(*memory, result, json, output) && code == kDone)
     code = kStopped;
-  output.tell(json, summary(arguments, result, device->info(), profile, input.name(), change));
+  output.tell(json, summary(arguments, result, info, profile, input.name(), change));
   return code;
 }
 

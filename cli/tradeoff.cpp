@@ -336,6 +336,119 @@ void add_path_options(CLI::App& verb, TradeoffArguments& arguments) {
       ->group("Path");
 }
 
+void add_question_options(CLI::App& verb, TradeoffArguments& arguments) {
+  verb.add_option("path", arguments.path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
+  verb.add_option("-d,--device", arguments.device, "device, with options as key=value,...")->type_name("NAME[:...]");
+  verb.add_option("--budget", arguments.budget, "bounds to keep, as in 'error<=0.1mm, tick<=2us'")->type_name("BOUNDS");
+  verb.add_option("--scene", arguments.scene, "scene whose accuracy settings are varied, with the tool on the path")
+      ->type_name("FILE.json");
+  verb.add_option("--scene-budget", arguments.scene_budget,
+                  "bounds on the scene's force error and time, as in 'error<=20mN, time<=500ns'")
+      ->type_name("BOUNDS");
+  verb.add_flag("--explain", arguments.explain, "leave out each term in turn, and report the change and the saving");
+}
+
+void add_output_options(CLI::App& verb, TradeoffArguments& arguments) {
+  verb.add_option("-o,--output", arguments.output, "JSON file to write; the figure is written beside it")
+      ->type_name("FILE.json");
+  verb.add_option("--figure", arguments.figure, "figure to write: .png, .svg or .pdf")->type_name("FILE");
+  verb.add_option("--save", arguments.save, "configuration that keeps the budget (default: beside the JSON)")
+      ->type_name("FILE.json");
+  verb.add_flag("--no-instructions", arguments.no_instructions,
+                "measure load as a share of the time, without counting instructions");
+  verb.add_flag("--overwrite", arguments.overwrite, "replace existing files");
+}
+
+/// Returns the budget to keep. Throws Error(input) if an option is missing or out of its range, or if the budget
+/// bounds what is not measured.
+Budget budget_of(const CLI::App& verb, const TradeoffArguments& arguments) {
+  require(verb, "path");
+  require(verb, "--device");
+  check_range("--runs", static_cast<double>(arguments.runs), 1, 100);
+  check_range("--learn", arguments.learn, 0, 20);
+  check_range("--speed", arguments.base.speed, 0.001, 100);
+  const Budget budget = arguments.budget.empty() ? Budget{} : parse_budget(arguments.budget);
+  if (arguments.no_instructions) check_counted(budget);
+  return budget;
+}
+
+/// Throws Error(input) if the scene or its budget cannot be read, before minutes of measurements.
+void check_scene(const TradeoffArguments& arguments) {
+  if (!arguments.scene.empty()) (void)load_scene(arguments.scene);
+  if (arguments.scene_budget.empty()) return;
+  if (arguments.scene.empty()) throw input_error("--scene-budget bounds a scene: give its --scene too");
+  (void)parse_scene_budget(arguments.scene_budget);
+}
+
+TradeOptions options_of(const TradeoffArguments& arguments, const Workbench& bench) {
+  TradeOptions options{.base = base_of(arguments, bench.calibrated()),
+                       .runs = bench.place().varies ? arguments.runs : 1,
+                       .threads = arguments.jobs,
+                       .instructions = !arguments.no_instructions};
+  options.rates = rates_of(arguments, bench, options.rates);
+  return options;
+}
+
+/// Draws the figure of a measurement again and again while it runs.
+class TradePicture {
+ public:
+  /// Without a `file`, draws nothing.
+  TradePicture(std::string file, bool overwrite) : file_(std::move(file)), overwrite_(overwrite) {}
+
+  void draw(const TradeReport& report, const Choice* choice) {
+    if (file_.empty()) return;
+    save_figure(figure_of(report, choice), file_, overwrite_);
+    overwrite_ = true;
+  }
+
+ private:
+  std::string file_;
+  bool overwrite_;  ///< replace the file; true after the first drawing
+};
+
+/// Runs the verb and returns its exit code.
+int tradeoff_command(const CLI::App& verb, const TradeoffArguments& arguments, const Output& output) {
+  const Budget budget = budget_of(verb, arguments);
+  const TradeFiles files = files_of(arguments);
+  check_scene(arguments);
+  const Signals signals;
+  Workbench bench(workplace(arguments, output, signals.stop()));
+  const TradeOptions options = options_of(arguments, bench);
+  TradePicture picture(files.figure, arguments.overwrite);
+  TradeReport report = [&] {
+    ReadProgress progress(output, "");
+    return measure_trade(
+        bench, options, signals.stop(),
+        [&](const std::string& stage, double done) { progress.tell_share(done, stage); },
+        [&](const TradeReport& so_far) { picture.draw(so_far, nullptr); });
+  }();
+  if (report.complete) add_sides(arguments, bench, report, output, signals.stop());
+  report.complete = report.complete && signals.stop().count() == 0;
+  if (report.base.ran() && !report.base.counted()) check_counted(budget);
+  nlohmann::json json = to_json(report);
+  std::string text = text_of(report);
+
+  const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
+  if (!budget.empty() && report.complete && !choice)
+    output.remark("no configuration was chosen: none was played to its end");
+  if (choice) keep_choice(arguments, *choice, budget, bench, files, json, text);
+  const bool scene_kept = files.scene.empty() || !report.complete ||
+                          keep_scene(arguments, bench, files.scene, output, signals.stop(), json, text);
+  if (arguments.explain && report.complete)
+    add_explanations(arguments, bench, budget, options, output, signals.stop(), json, text);
+  report.complete = report.complete && signals.stop().count() == 0;
+  json["complete"] = report.complete;
+  picture.draw(report, choice ? &*choice : nullptr);
+  if (!files.json.empty()) save_json(json, files.json, arguments.overwrite);
+  if (!files.figure.empty()) text += fmt::format("  figure: {}\n", files.figure);
+  output.tell(json, text);
+  if (!report.complete) {
+    output.remark("interrupted; the results cover only the finished part");
+    return kInterrupted;
+  }
+  return (!budget.empty() && !(choice && choice->kept)) || !scene_kept ? kStopped : kDone;
+}
+
 }  // namespace
 
 Verb add_tradeoff(CLI::App& app) {
@@ -351,88 +464,12 @@ Verb add_tradeoff(CLI::App& app) {
       "  haptrace tradeoff circle.h5 -d sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
       "  haptrace tradeoff circle.h5 -d falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
       "  haptrace play circle.h5 -d falcon --config tradeoff-config.json");
-  verb->add_option("path", arguments->path, "recording (HDF5) or path (HDF5, CSV with t,x,y,z)")->type_name("PATH");
-  verb->add_option("-d,--device", arguments->device, "device, with options as key=value,...")->type_name("NAME[:...]");
-  verb->add_option("--budget", arguments->budget, "bounds to keep, as in 'error<=0.1mm, tick<=2us'")
-      ->type_name("BOUNDS");
-  verb->add_option("--scene", arguments->scene, "scene whose accuracy settings are varied, with the tool on the path")
-      ->type_name("FILE.json");
-  verb->add_option("--scene-budget", arguments->scene_budget,
-                   "bounds on the scene's force error and time, as in 'error<=20mN, time<=500ns'")
-      ->type_name("BOUNDS");
-  verb->add_flag("--explain", arguments->explain, "leave out each term in turn, and report the change and the saving");
-  verb->add_option("-o,--output", arguments->output, "JSON file to write; the figure is written beside it")
-      ->type_name("FILE.json");
-  verb->add_option("--figure", arguments->figure, "figure to write: .png, .svg or .pdf")->type_name("FILE");
-  verb->add_option("--save", arguments->save, "configuration that keeps the budget (default: beside the JSON)")
-      ->type_name("FILE.json");
-  verb->add_flag("--no-instructions", arguments->no_instructions,
-                 "measure load as a share of the time, without counting instructions");
-  verb->add_flag("--overwrite", arguments->overwrite, "replace existing files");
+  add_question_options(*verb, *arguments);
+  add_output_options(*verb, *arguments);
   add_measuring_options(*verb, *arguments);
   add_base_options(*verb, *arguments);
   add_path_options(*verb, *arguments);
-
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "path");
-            require(*verb, "--device");
-            check_range("--runs", static_cast<double>(arguments->runs), 1, 100);
-            check_range("--learn", arguments->learn, 0, 20);
-            check_range("--speed", arguments->base.speed, 0.001, 100);
-            const Budget budget = arguments->budget.empty() ? Budget{} : parse_budget(arguments->budget);
-            if (arguments->no_instructions) check_counted(budget);
-            const TradeFiles files = files_of(*arguments);
-            if (!arguments->scene.empty()) (void)load_scene(arguments->scene);
-            if (!arguments->scene_budget.empty()) {
-              if (arguments->scene.empty()) throw input_error("--scene-budget bounds a scene: give its --scene too");
-              (void)parse_scene_budget(arguments->scene_budget);
-            }
-            const Signals signals;
-            Workbench bench(workplace(*arguments, output, signals.stop()));
-            TradeOptions options{.base = base_of(*arguments, bench.calibrated()),
-                                 .runs = bench.place().varies ? arguments->runs : 1,
-                                 .threads = arguments->jobs,
-                                 .instructions = !arguments->no_instructions};
-            options.rates = rates_of(*arguments, bench, options.rates);
-            bool drawn = arguments->overwrite;
-            const auto draw = [&](const TradeReport& report, const Choice* choice) {
-              if (files.figure.empty()) return;
-              save_figure(figure_of(report, choice), files.figure, drawn);
-              drawn = true;
-            };
-            TradeReport report = [&] {
-              ReadProgress progress(output, "");
-              return measure_trade(
-                  bench, options, signals.stop(),
-                  [&](const std::string& stage, double done) { progress.tell_share(done, stage); },
-                  [&](const TradeReport& so_far) { draw(so_far, nullptr); });
-            }();
-            if (report.complete) add_sides(*arguments, bench, report, output, signals.stop());
-            report.complete = report.complete && signals.stop().count() == 0;
-            if (report.base.ran() && !report.base.counted()) check_counted(budget);
-            nlohmann::json json = to_json(report);
-            std::string text = text_of(report);
-
-            const std::optional<Choice> choice = budget.empty() ? std::nullopt : choose(report, budget);
-            if (!budget.empty() && report.complete && !choice)
-              output.remark("no configuration was chosen: none was played to its end");
-            if (choice) keep_choice(*arguments, *choice, budget, bench, files, json, text);
-            const bool scene_kept = files.scene.empty() || !report.complete ||
-                                    keep_scene(*arguments, bench, files.scene, output, signals.stop(), json, text);
-            if (arguments->explain && report.complete)
-              add_explanations(*arguments, bench, budget, options, output, signals.stop(), json, text);
-            report.complete = report.complete && signals.stop().count() == 0;
-            json["complete"] = report.complete;
-            draw(report, choice ? &*choice : nullptr);
-            if (!files.json.empty()) save_json(json, files.json, arguments->overwrite);
-            if (!files.figure.empty()) text += fmt::format("  figure: {}\n", files.figure);
-            output.tell(json, text);
-            if (!report.complete) {
-              output.remark("interrupted; the results cover only the finished part");
-              return static_cast<int>(kInterrupted);
-            }
-            return static_cast<int>((!budget.empty() && !(choice && choice->kept)) || !scene_kept ? kStopped : kDone);
-          }};
+  return {verb, [verb, arguments](const Output& output) { return tradeoff_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli
