@@ -265,38 +265,11 @@ class ServoLoop::Session {
   /// Moves `woke_ns` to the end of the exchange if that took longer than a period.
   void tick(std::int64_t& woke_ns, const StopRequest& stop) noexcept {
     const TickScope scope;
-    const std::int64_t began_ns = monotonic_ns();
-
-    State state;
-    state.tick = tick_;
-    state.time_ns = woke_ns - start_ns_;
+    const std::int64_t began_ns = monotonic_ns(), asked_ns = woke_ns;
     const double dt = exchanged_ns_ ? 1e-9 * static_cast<double>(woke_ns - *exchanged_ns_) : 0;
-    if (!exchanged_ns_) begun_ns_ = woke_ns;
-    // After a time without ticks the hand may be anywhere, so the last force no longer fits.
-    if (woke_ns - exchanged_ns_.value_or(woke_ns) > stale_after_ns_) {
-      tell_of_held_force(dt, state.time_ns);
-      wrench_ = {};
-    }
-    state.force_applied = wrench_.force;
-    state.share_applied = share_;
-    state.softened = guard_ && guard_->share() < 1;
-
-    // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
-    if (!away_since_ns_) {
-      limiter_.acted(acting_.force, dt);
-      if (takes_torque_) torque_limiter_.acted(acting_.torque, dt);
-    }
+    State state = state_before_exchange(woke_ns, dt);
     const Device::Status status = exchange(wrench_, dt);
-    const std::int64_t took_ns = clock_.now() - woke_ns;
-    const bool blocked = took_ns > period_ns_ && !first_;
-    const std::int64_t asked_ns = woke_ns;
-    if (blocked) {
-      // The state is no older than the end of the exchange, and the next tick is due later.
-      woke_ns = last_ns_ = woke_ns + took_ns;
-      state.time_ns = woke_ns - start_ns_;
-      took_ = 1e-9 * static_cast<double>(took_ns);
-      if (took_ns > stale_after_ns_) tell_of_held_force(took_, state.time_ns);
-    }
+    const bool blocked = move_past_blocked_exchange(woke_ns, state);
     acting_ = wrench_;
     exchanged_ns_ = woke_ns;
     // A device that was away stays away until it is homed and its handle rests.
@@ -319,29 +292,8 @@ class ServoLoop::Session {
       return;
     }
     state.dt = updated_ns_ ? 1e-9 * static_cast<double>(woke_ns - *updated_ns_) : 0;
-    state.position = device_state_.position;
-    state.orientation = as_measured(device_state_.orientation);
-    state.force_measured = as_measured(device_state_.force);
-    state.buttons = device_state_.buttons;
-
-    if (!is_finite(state.position)) {
-      // Store no sample for this tick: the loop does not invent a position, and nothing may be computed from this one.
-      stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
-      return;
-    }
-    if (const double distance = norm_of(state.position - centre_); !(distance <= farthest_)) {
-      stop_now(StopCause::outside_workspace,
-               {.code = EventCode::outside_workspace, .values = {distance, farthest_, kNaN}}, state.time_ns);
-      return;
-    }
-    if (away_since_ns_) {
-      come_back(state, woke_ns);
-    } else if (updated_ns_ && woke_ns - *updated_ns_ > stale_after_ns_) {
-      (void)ends_in_gap();  // store this sample: it holds the force that was sent last
-      catch_up_after_gap(state);
-    } else {
-      sparse_ = std::max(sparse_ - state.dt, 0.0);
-    }
+    if (!take_measured(state)) return;
+    account_for_gap(state, woke_ns);
     if (blocked && age_ns == 0) age_ns = likely_age_ns(state.position, asked_ns, woke_ns);
     state.velocity = velocity_ = loop_.estimator_.update(state.position, sample_dt(woke_ns - age_ns));
     position_ = state.position;
@@ -351,6 +303,74 @@ class ServoLoop::Session {
     silence_ = 0;
     keep(state, decide(state, stop), woke_ns);
     report_.tick_time.record(monotonic_ns() - began_ns);
+  }
+
+  /// Returns the state of a tick without measured values: its time, and the force that the exchange sends. `dt` is the
+  /// time since the last exchange [s].
+  [[nodiscard]] State state_before_exchange(std::int64_t woke_ns, double dt) noexcept {
+    State state;
+    state.tick = tick_;
+    state.time_ns = woke_ns - start_ns_;
+    if (!exchanged_ns_) begun_ns_ = woke_ns;
+    // After a time without ticks the hand may be anywhere, so the last force no longer fits.
+    if (woke_ns - exchanged_ns_.value_or(woke_ns) > stale_after_ns_) {
+      tell_of_held_force(dt, state.time_ns);
+      wrench_ = {};
+    }
+    state.force_applied = wrench_.force;
+    state.share_applied = share_;
+    state.softened = guard_ && guard_->share() < 1;
+
+    // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
+    if (!away_since_ns_) {
+      limiter_.acted(acting_.force, dt);
+      if (takes_torque_) torque_limiter_.acted(acting_.torque, dt);
+    }
+    return state;
+  }
+
+  /// Returns true if the exchange that just ended took longer than a period. Moves the tick to its end then.
+  [[nodiscard]] bool move_past_blocked_exchange(std::int64_t& woke_ns, State& state) noexcept {
+    const std::int64_t took_ns = clock_.now() - woke_ns;
+    if (took_ns <= period_ns_ || first_) return false;
+    // The state is no older than the end of the exchange, and the next tick is due later.
+    woke_ns = last_ns_ = woke_ns + took_ns;
+    state.time_ns = woke_ns - start_ns_;
+    took_ = 1e-9 * static_cast<double>(took_ns);
+    if (took_ns > stale_after_ns_) tell_of_held_force(took_, state.time_ns);
+    return true;
+  }
+
+  /// Copies the measured values into `state`. Ends the session and returns false if the position is invalid.
+  [[nodiscard]] bool take_measured(State& state) noexcept {
+    state.position = device_state_.position;
+    state.orientation = as_measured(device_state_.orientation);
+    state.force_measured = as_measured(device_state_.force);
+    state.buttons = device_state_.buttons;
+
+    if (!is_finite(state.position)) {
+      // Store no sample for this tick: the loop does not invent a position, and nothing may be computed from this one.
+      stop_now(StopCause::not_finite, {.code = EventCode::not_finite, .values = {0, kNaN, kNaN}}, state.time_ns);
+      return false;
+    }
+    if (const double distance = norm_of(state.position - centre_); !(distance <= farthest_)) {
+      stop_now(StopCause::outside_workspace,
+               {.code = EventCode::outside_workspace, .values = {distance, farthest_, kNaN}}, state.time_ns);
+      return false;
+    }
+    return true;
+  }
+
+  /// Handles the time since the last fresh state: a return of the device, a gap, or a usual step.
+  void account_for_gap(State& state, std::int64_t woke_ns) noexcept {
+    if (away_since_ns_) {
+      come_back(state, woke_ns);
+    } else if (updated_ns_ && woke_ns - *updated_ns_ > stale_after_ns_) {
+      (void)ends_in_gap();  // store this sample: it holds the force that was sent last
+      catch_up_after_gap(state);
+    } else {
+      sparse_ = std::max(sparse_ - state.dt, 0.0);
+    }
   }
 
   /// Returns the age of the state that was just exchanged. An age that is negative or NaN counts as 0.
