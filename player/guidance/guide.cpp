@@ -243,8 +243,10 @@ double largest_stable_stiffness(const std::optional<IdentifiedDevice>& identifie
   return largest_wall_stiffness(rate_hz, delay, damping);
 }
 
-GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
-                        const GuideOptions& options) {
+namespace {
+
+/// Throws Error(input) if a number is out of its range, or options contradict each other.
+void check_options(const GuideOptions& options) {
   validate(options.guidance);
   check_range("the radius of the tunnel", options.radius, 0, 1, "m");
   check_range("the onset of the walls", options.onset, 1e-5, 0.1, "m");
@@ -267,20 +269,10 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
       throw input_error(
           "a cursor moves by itself and needs no wall behind the hand; leave out --initiate, or use mode tunnel");
   }
-  if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
-    throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));
+}
 
-  const DevicePath played = path_for(device, std::move(expert), options.fit);
-  // The recorded forces hold the contacts, which the scene renders itself.
-  const bool feels_contacts = options.session.touch.scene && played.source->facts().contacts;
-  GuidePlan plan{.fit = played.fit,
-                 .duration = played.source->facts().duration(),
-                 .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
-                 .has_forces = played.source->facts().force && !feels_contacts};
-  ArcPath path = arc_path(played.source, options);
-  if (!options.spread.empty()) widen(path, played.source->facts().name, device, options);
-  plan.path = std::make_shared<const ArcPath>(std::move(path));
-
+/// Plans the force and the stiffness of the walls: at most what the device is stable with, unless an expert insists.
+void plan_walls(const DeviceInfo& device, const GuideOptions& options, GuidePlan& plan) {
   // A wall must stay below the device's largest force, which not every driver knows.
   plan.wall_force = device.max_force > 0 ? 0.8 * device.max_force : 5;
   if (options.session.loop.limits.max_force > 0)
@@ -301,20 +293,48 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
         "walls of {:.0f} N/m are stiffer than the device is stable with ({:.0f} N/m at {:.0f} Hz): they may "
         "vibrate, and give more energy than the budget",
         plan.stiffness, bears, options.session.loop.rate_hz));
-  if (options.initiate && !options.free) plan.initiate = back_wall(device, *options.initiate, options, plan);
-  if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
-  if (options.force_scale > 0 && feels_contacts && !options.free)
+}
+
+/// Adds notes and warnings on the expert's forces that the trainee does not feel. `feels_contacts`: the trainee touches
+/// the scene with which the expert was recorded.
+void note_forces(const PathFacts& expert, bool feels_contacts, const GuideOptions& options, GuidePlan& plan) {
+  if (options.free || !(options.force_scale > 0)) return;
+  if (feels_contacts)
     plan.notes.push_back(
         fmt::format("{} was recorded with a scene, so its forces hold the contacts. They are not replayed, because the "
                     "trainee touches the scene itself",
-                    played.source->facts().name));
-  else if (options.force_scale > 0 && !plan.has_forces && !options.free)
-    plan.notes.push_back(
-        fmt::format("{} contains no forces: the trainee feels only the walls", played.source->facts().name));
-  if (options.force_scale > 0 && plan.has_forces && !options.free && has_no_force(*plan.path))
-    (options.force_expected || played.source->facts().measured ? plan.warnings : plan.notes)
-        .push_back(
-            fmt::format("{}: all forces are zero; the trainee feels only the walls", played.source->facts().name));
+                    expert.name));
+  else if (!plan.has_forces)
+    plan.notes.push_back(fmt::format("{} contains no forces: the trainee feels only the walls", expert.name));
+  if (plan.has_forces && has_no_force(*plan.path))
+    (options.force_expected || expert.measured ? plan.warnings : plan.notes)
+        .push_back(fmt::format("{}: all forces are zero; the trainee feels only the walls", expert.name));
+}
+
+}  // namespace
+
+GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSource> expert,
+                        const GuideOptions& options) {
+  check_options(options);
+  if (!(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
+    throw input_error(fmt::format("{} has no motors and cannot guide; use a device with motors", device.model));
+
+  const DevicePath played = path_for(device, std::move(expert), options.fit);
+  const PathFacts& facts = played.source->facts();
+  // The recorded forces hold the contacts, which the scene renders itself.
+  const bool feels_contacts = options.session.touch.scene && facts.contacts;
+  GuidePlan plan{.fit = played.fit,
+                 .duration = facts.duration(),
+                 .delay = options.identified ? options.identified->plant.delay : kUnknownDelay,
+                 .has_forces = facts.force && !feels_contacts};
+  ArcPath path = arc_path(played.source, options);
+  if (!options.spread.empty()) widen(path, facts.name, device, options);
+  plan.path = std::make_shared<const ArcPath>(std::move(path));
+
+  plan_walls(device, options, plan);
+  if (options.initiate && !options.free) plan.initiate = back_wall(device, *options.initiate, options, plan);
+  if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
+  note_forces(facts, feels_contacts, options, plan);
   if (plan.path->length() == 0) plan.notes.push_back("the path has no length: it is a single point");
   if (!options.identified && !options.expert && !options.free)
     plan.notes.push_back(fmt::format(

@@ -345,42 +345,43 @@ void keep_below(double fastest, const Box& workspace, const PlayOptions& options
   }
 }
 
-}  // namespace
-
-const char* to_string(TrackingLaw law) noexcept {
-  return kTrackingLaws.name(law);
-}
-
-TrackingLaw parse_tracking_law(std::string_view name) {
-  return kTrackingLaws.parse(name);
-}
-
-PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
-  validate(options.playback);
+/// The law of a playback with its gains and terms.
+struct PlannedLaw {
   Tuning tuning;
   Compensations composed;
   std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
   Firmness firmness = Firmness::normal;
   std::vector<std::string> notes;
-  if (options.identified) {
-    tuning.gains = options.identified->design.gains;
-    tuning.observer_hz = options.identified->design.load_hz;
-    composed = options.compensations;
-    composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
-    // Learning covers the whole load and starts from the model's estimate of it.
-    if (composed.learning) composed.gravity = composed.friction = false;
-    const ChosenLaw law = chosen_law(options);
-    std::ranges::copy(law.notes, std::back_inserter(notes));
-    composed.observer = composed.observer && law.observer;
-    if (!composed.observer) tuning.gains = options.identified->design.plain;
-    if (law.lqg) {
-      lqg = lqg_laws(*options.identified->held, *law.lqg, options.session.loop.rate_hz);
-      firmness = *law.lqg;
-      tuning.gains = gains_of(*lqg);
-    }
-  } else {
-    tuning.gains = cautious_gains(device.max_force, options.session.loop.rate_hz);
+};
+
+/// Returns the law that the options and the device's profile choose, with its own gains.
+PlannedLaw planned_law(const DeviceInfo& device, const PlayOptions& options) {
+  PlannedLaw planned;
+  if (!options.identified) {
+    planned.tuning.gains = cautious_gains(device.max_force, options.session.loop.rate_hz);
+    return planned;
   }
+  planned.tuning.gains = options.identified->design.gains;
+  planned.tuning.observer_hz = options.identified->design.load_hz;
+  Compensations& composed = planned.composed;
+  composed = options.compensations;
+  composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
+  // Learning covers the whole load and starts from the model's estimate of it.
+  if (composed.learning) composed.gravity = composed.friction = false;
+  ChosenLaw law = chosen_law(options);
+  planned.notes = std::move(law.notes);
+  composed.observer = composed.observer && law.observer;
+  if (!composed.observer) planned.tuning.gains = options.identified->design.plain;
+  if (law.lqg) {
+    planned.lqg = lqg_laws(*options.identified->held, *law.lqg, options.session.loop.rate_hz);
+    planned.firmness = *law.lqg;
+    planned.tuning.gains = gains_of(*planned.lqg);
+  }
+  return planned;
+}
+
+/// Throws Error(input) if the options ask for what this device, or the scene, does not allow, or contradict each other.
+void check_requests(const DeviceInfo& device, const PlayOptions& options, const Compensations& composed) {
   check_range("the number of repetitions to learn from (learn)", options.learn, 0, kMostLearned);
   if (options.learn > 0 && !composed.learning)
     throw input_error(options.identified
@@ -393,8 +394,24 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
         "path: use --learn without --scene. Later sessions with the scene then use the learned force");
   if (options.gains && options.impedance)
     throw input_error("the gains are given both for the whole path and along it; remove one of them");
-  if (options.gains) tuning.gains = *options.gains;
-  validate(tuning.gains);
+}
+
+}  // namespace
+
+const char* to_string(TrackingLaw law) noexcept {
+  return kTrackingLaws.name(law);
+}
+
+TrackingLaw parse_tracking_law(std::string_view name) {
+  return kTrackingLaws.parse(name);
+}
+
+PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSource> path, const PlayOptions& options) {
+  validate(options.playback);
+  PlannedLaw law = planned_law(device, options);
+  check_requests(device, options, law.composed);
+  if (options.gains) law.tuning.gains = *options.gains;
+  validate(law.tuning.gains);
 
   const Box workspace = workspace_of(device);
   const DevicePath played = path_for(device, thinned(std::move(path), options.thin), options.fit);
@@ -408,13 +425,13 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
   PlayPlan plan{.path = trajectory(played.source),
                 .fit = played.fit,
                 .stretch = {},
-                .tuning = tuning,
+                .tuning = law.tuning,
                 .schedule = {},
-                .composed = composed,
-                .lqg = std::move(lqg),
-                .firmness = firmness,
+                .composed = law.composed,
+                .lqg = std::move(law.lqg),
+                .firmness = law.firmness,
                 .turn = {},
-                .notes = std::move(notes)};
+                .notes = std::move(law.notes)};
   if (played.fit && options.session.touch.scene) plan.notes.emplace_back(kFitMovesNoScene);
   plan_turn(device, played.source->facts(), options, plan);
   const double limit = options.session.loop.limits.max_velocity, speed = options.playback.speed;
@@ -433,7 +450,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     plan.tuning.gains = plan.schedule->largest();
     validate(plan.tuning.gains);
   }
-  if (composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
+  if (plan.composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
   if (plan.peak_speed > fastest)
     throw input_error(fmt::format(
         "{} moves at up to {:.2f} m/s, too close to the velocity limit of {:.2f} m/s; play it slower (--speed "
