@@ -199,6 +199,69 @@ std::string text_of(const std::vector<StoredColumn>& columns) {
   return text;
 }
 
+/// What is reported of a conversion: to programs, and to people.
+struct ConvertReport {
+  nlohmann::json json;
+  std::string text;
+};
+
+/// Reports how much was converted.
+ConvertReport report_sizes(const ConvertArguments& arguments, const InputFile& input, std::uint64_t rows,
+                           const Sampling& sampling) {
+  std::error_code ignored;
+  const auto bytes_in = fs::file_size(input.path(), ignored);
+  const auto bytes_out = arguments.to_standard_output() ? 0 : fs::file_size(arguments.file, ignored);
+  return {{{"input", arguments.input},
+           {"file", arguments.file},
+           {"samples", rows},
+           {"bytes_in", bytes_in},
+           {"bytes", bytes_out},
+           {"sampling", json_of(sampling)}},
+          arguments.to_standard_output()
+              ? fmt::format("{} samples\n", rows)
+              : fmt::format("{}: {} samples, {:.3f} MB from {:.3f} MB\n", arguments.file, rows,
+                            1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in))};
+}
+
+/// Reports what was resampled and what was removed.
+void add_changes(const Pipeline& pipeline, const ConvertArguments& arguments, ConvertReport& told) {
+  if (pipeline.resampled != nullptr) {
+    const ResampleReport& report = pipeline.resampled->report();
+    told.json["resample"] = to_json(report);
+    told.text += fmt::format(
+        "  {} samples at {:g} Hz from {} samples; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
+        report.rows_out, arguments.resample_hz, report.rows_in,
+        report.low_pass_hz > 0 ? "the unfiltered samples" : "the original samples", 1e3 * report.rms_difference,
+        1e3 * report.max_difference);
+  }
+  if (pipeline.anonymised != nullptr) {
+    told.json["anonymised"] = to_json(pipeline.anonymised->report());
+    told.text += text_of(pipeline.anonymised->report());
+  }
+}
+
+/// Reports the size and the loss of every column in the file. Reads the input and the file once more.
+void add_columns(const ConvertArguments& arguments, const InputFile& input, const Output& output, ConvertReport& told) {
+  ReadProgress progress(output, "reading back " + arguments.file);
+  Pipeline again = open_pipeline(arguments, input);
+  const RecordingSource& original = *again.source;
+  again.source =
+      observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
+  const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
+  told.json["columns"] = to_json(columns);
+  told.text += text_of(columns);
+}
+
+/// Returns what the user should know about the samples and the format.
+std::vector<std::string> remarks_on(const Pipeline& pipeline, const Sampling& sampling, const std::string& file) {
+  std::vector<std::string> remarks = pipeline.source->notes();
+  const std::string ending = file_ending(file);
+  if (pipeline.source->columns().contacts && ending != ".h5" && ending != ".hdf5")
+    remarks.emplace_back("the contacts with the scene were left out: text formats have no place for them");
+  for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
+  return remarks;
+}
+
 int convert(const ConvertArguments& arguments, const InputFile& input, const Output& output) {
   SinkOptions options = sink_options(arguments);
   if (arguments.to_standard_output() && output.json)
@@ -223,52 +286,88 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
     sink->finish();
   }
 
-  std::error_code ignored;
-  const auto bytes_in = fs::file_size(input.path(), ignored);
-  const auto bytes_out = arguments.to_standard_output() ? 0 : fs::file_size(arguments.file, ignored);
   const Sampling sampling = pipeline.sampling->result();
-  std::vector<std::string> remarks = source.notes();
-  const std::string ending = file_ending(arguments.file);
-  if (source.columns().contacts && ending != ".h5" && ending != ".hdf5")
-    remarks.emplace_back("the contacts with the scene were left out: text formats have no place for them");
-  for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
-
-  nlohmann::json json{{"input", arguments.input}, {"file", arguments.file}, {"samples", rows},
-                      {"bytes_in", bytes_in},     {"bytes", bytes_out},     {"sampling", json_of(sampling)}};
-  std::string text = arguments.to_standard_output()
-                         ? fmt::format("{} samples\n", rows)
-                         : fmt::format("{}: {} samples, {:.3f} MB from {:.3f} MB\n", arguments.file, rows,
-                                       1e-6 * static_cast<double>(bytes_out), 1e-6 * static_cast<double>(bytes_in));
-  if (pipeline.resampled != nullptr) {
-    const ResampleReport& report = pipeline.resampled->report();
-    json["resample"] = to_json(report);
-    text += fmt::format(
-        "  {} samples at {:g} Hz from {} samples; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
-        report.rows_out, arguments.resample_hz, report.rows_in,
-        report.low_pass_hz > 0 ? "the unfiltered samples" : "the original samples", 1e3 * report.rms_difference,
-        1e3 * report.max_difference);
-  }
-  if (pipeline.anonymised != nullptr) {
-    json["anonymised"] = to_json(pipeline.anonymised->report());
-    text += text_of(pipeline.anonymised->report());
-  }
-  if (options.hdf5.storage.filtered() && !arguments.to_standard_output() && is_hdf5(arguments.file)) {
-    ReadProgress progress(output, "reading back " + arguments.file);
-    Pipeline again = open_pipeline(arguments, input);
-    const RecordingSource& original = *again.source;
-    again.source =
-        observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
-    const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
-    json["columns"] = to_json(columns);
-    text += text_of(columns);
-  }
-  json["notes"] = remarks;
+  const std::vector<std::string> remarks = remarks_on(pipeline, sampling, arguments.file);
+  ConvertReport told = report_sizes(arguments, input, rows, sampling);
+  add_changes(pipeline, arguments, told);
+  if (options.hdf5.storage.filtered() && !arguments.to_standard_output() && is_hdf5(arguments.file))
+    add_columns(arguments, input, output, told);
+  told.json["notes"] = remarks;
   for (const std::string& remark : remarks) output.remark(remark);
   if (arguments.to_standard_output())
-    output.remark(text.substr(0, text.size() - 1));  // standard output contains the samples
+    output.remark(told.text.substr(0, told.text.size() - 1));  // standard output contains the samples
   else
-    output.tell(json, text);
+    output.tell(told.json, told.text);
   return kDone;
+}
+
+void add_sample_options(CLI::App& verb, ConvertArguments& arguments) {
+  verb.add_option("--from", arguments.from, "drop samples before this time [s]")->group("Samples");
+  verb.add_option("--to", arguments.to, "drop samples after this time [s]")->group("Samples");
+  verb.add_option("--resample", arguments.resample_hz, "resample to this rate [Hz]; gaps are kept")->group("Samples");
+  verb.add_option("--method", arguments.method, "interpolation of --resample: hold | linear | cubic | quintic")
+      ->capture_default_str()
+      ->group("Samples");
+  verb.add_option("--max-gap", arguments.max_gap, "longest gap that --resample interpolates [s] (0: 20 median steps)")
+      ->capture_default_str()
+      ->group("Samples");
+  verb.add_option(
+          "--low-pass", arguments.low_pass_hz,
+          "cut-off of the low-pass filter before --resample [Hz] (0: none; default: rate / 2.4 if the rate is lowered)")
+      ->group("Samples");
+}
+
+void add_storage_options(CLI::App& verb, ConvertArguments& arguments) {
+  verb.add_option("--digits", arguments.digits,
+                  "significant digits in CSV and JSON lines (0: as many as needed to restore every number)")
+      ->capture_default_str()
+      ->group("Storage");
+  verb.add_option("--compress", arguments.compress, "HDF5: deflate level, 0 (none) to 9 (without a value: 6)")
+      ->expected(0, 1)
+      ->group("Storage");
+  verb.add_option("--precision", arguments.precision,
+                  "HDF5: largest rounding errors, as in 1um,1mN; the losses are reported")
+      ->group("Storage");
+  verb.add_option("--libver", arguments.libver, "HDF5: 1.10, or 1.8 for older readers (MATLAB before R2021b)")
+      ->capture_default_str()
+      ->group("Storage");
+}
+
+void add_xdf_options(CLI::App& verb, ConvertArguments& arguments) {
+  verb.add_option("--stream", arguments.streams,
+                  "XDF: name or type of a stream; the samples have the first one's times")
+      ->take_all()
+      ->expected(1)
+      ->group("XDF");
+  verb.add_option("--map", arguments.map, "XDF: channel labels of the columns, as in x=PosX,fz=Fz")
+      ->delimiter(',')
+      ->group("XDF");
+  verb.add_flag("--dejitter", arguments.dejitter, "XDF: replace the time stamps by evenly spaced ones fitted to them")
+      ->group("XDF");
+}
+
+/// Runs the verb and returns its exit code.
+int convert_command(const CLI::App& verb, ConvertArguments& arguments, const Output& output) {
+  require(verb, "file");
+  const bool resamples = arguments.resample_hz != 0;
+  refuse_useless(verb, std::to_array<Dependence>({{"--method", resamples, "--resample"},
+                                                  {"--max-gap", resamples, "--resample"},
+                                                  {"--low-pass", resamples, "--resample"}}));
+  if (const auto& level = verb.get_option("--compress")->results(); level.size() == 1 && level[0].empty())
+    arguments.compress = kCompress;
+  const InputFile input(arguments.input, arguments.csv);
+  if (input.passed_through() && arguments.file.empty())
+    throw input_error(
+        fmt::format("haptrace convert {} needs -o, because the input has no file name; "
+                    "-o - writes CSV to standard output",
+                    arguments.input));
+  if (arguments.file.empty()) {
+    const bool hdf5 = is_hdf5(input.path());
+    arguments.file = fs::path(arguments.input).replace_extension(hdf5 ? ".csv" : ".h5").string();
+  }
+  keep_inputs(arguments.file, std::span(&arguments.input, 1));
+  clean_up(output, arguments.file);
+  return convert(arguments, input, output);
 }
 
 }  // namespace
@@ -295,19 +394,7 @@ Verb add_convert(CLI::App& app) {
   verb->add_flag("--overwrite", a.overwrite, "replace an existing file");
   add_partial(*verb, a.partial);
   add_input_options(*verb, a.csv);
-  verb->add_option("--from", a.from, "drop samples before this time [s]")->group("Samples");
-  verb->add_option("--to", a.to, "drop samples after this time [s]")->group("Samples");
-  verb->add_option("--resample", a.resample_hz, "resample to this rate [Hz]; gaps are kept")->group("Samples");
-  verb->add_option("--method", a.method, "interpolation of --resample: hold | linear | cubic | quintic")
-      ->capture_default_str()
-      ->group("Samples");
-  verb->add_option("--max-gap", a.max_gap, "longest gap that --resample interpolates [s] (0: 20 median steps)")
-      ->capture_default_str()
-      ->group("Samples");
-  verb->add_option(
-          "--low-pass", a.low_pass_hz,
-          "cut-off of the low-pass filter before --resample [Hz] (0: none; default: rate / 2.4 if the rate is lowered)")
-      ->group("Samples");
+  add_sample_options(*verb, a);
   a.place.add_to(*verb, "Place");
   a.place.add_frame_to(
       *verb, "Place",
@@ -315,49 +402,9 @@ Verb add_convert(CLI::App& app) {
   verb->add_flag("--anonymise", a.anonymise,
                  "remove subject, operator, notes, serial numbers, metadata, file names and mark texts")
       ->group("Samples");
-  verb->add_option("--digits", a.digits,
-                   "significant digits in CSV and JSON lines (0: as many as needed to restore every number)")
-      ->capture_default_str()
-      ->group("Storage");
-  verb->add_option("--compress", a.compress, "HDF5: deflate level, 0 (none) to 9 (without a value: 6)")
-      ->expected(0, 1)
-      ->group("Storage");
-  verb->add_option("--precision", a.precision, "HDF5: largest rounding errors, as in 1um,1mN; the losses are reported")
-      ->group("Storage");
-  verb->add_option("--libver", a.libver, "HDF5: 1.10, or 1.8 for older readers (MATLAB before R2021b)")
-      ->capture_default_str()
-      ->group("Storage");
-  verb->add_option("--stream", a.streams, "XDF: name or type of a stream; the samples have the first one's times")
-      ->take_all()
-      ->expected(1)
-      ->group("XDF");
-  verb->add_option("--map", a.map, "XDF: channel labels of the columns, as in x=PosX,fz=Fz")
-      ->delimiter(',')
-      ->group("XDF");
-  verb->add_flag("--dejitter", a.dejitter, "XDF: replace the time stamps by evenly spaced ones fitted to them")
-      ->group("XDF");
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "file");
-            const bool resamples = arguments->resample_hz != 0;
-            refuse_useless(*verb, std::to_array<Dependence>({{"--method", resamples, "--resample"},
-                                                             {"--max-gap", resamples, "--resample"},
-                                                             {"--low-pass", resamples, "--resample"}}));
-            if (const auto& level = verb->get_option("--compress")->results(); level.size() == 1 && level[0].empty())
-              arguments->compress = kCompress;
-            const InputFile input(arguments->input, arguments->csv);
-            if (input.passed_through() && arguments->file.empty())
-              throw input_error(
-                  fmt::format("haptrace convert {} needs -o, because the input has no file name; "
-                              "-o - writes CSV to standard output",
-                              arguments->input));
-            if (arguments->file.empty()) {
-              const bool hdf5 = is_hdf5(input.path());
-              arguments->file = fs::path(arguments->input).replace_extension(hdf5 ? ".csv" : ".h5").string();
-            }
-            keep_inputs(arguments->file, std::span(&arguments->input, 1));
-            clean_up(output, arguments->file);
-            return convert(*arguments, input, output);
-          }};
+  add_storage_options(*verb, a);
+  add_xdf_options(*verb, a);
+  return {verb, [verb, arguments](const Output& output) { return convert_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

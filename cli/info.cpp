@@ -60,18 +60,18 @@ nlohmann::json clocks_of(const RecordingReader& reader) {
   return json;
 }
 
-int tell_of_recording(const InputFile& input, bool partial, const Output& output) {
-  const std::string& file = input.name();
-  if (!input.csv().empty()) (void)open_path(input.path(), {}, {}, input.csv());  // reports why it rejects them
-  const RecordingReader reader(input.path(), parts_of(partial));
-  const RecordingHeader header = reader.header();
-  const RecordingSummary summary = [&] {
-    ReadProgress progress(output, file, reader.rows());
-    return summarise(reader, progress.callback());
-  }();
-  const std::vector<StoredEvent> events = reader.events();
-  const nlohmann::json clocks = clocks_of(reader);
+/// The contents of a recording, as far as the verb prints them.
+struct RecordingContents {
+  const std::string& file;  ///< name for messages
+  const RecordingReader& reader;
+  RecordingHeader header;
+  RecordingSummary summary;
+  std::vector<StoredEvent> events;
+  nlohmann::json clocks;
+};
 
+std::string text_of(const RecordingContents& contents) {
+  const auto& [file, reader, header, summary, events, clocks] = contents;
   std::string text = fmt::format("{}: a recording{}\n", file, header.complete ? "" : ", not finished");
   const auto line = [&](const char* key, const std::string& value) {
     if (!value.empty()) text += fmt::format("  {:<20} {}\n", printable(key), printable(value));
@@ -107,7 +107,11 @@ int tell_of_recording(const InputFile& input, bool partial, const Output& output
                                        1e3 * summary.peak_error(), summary.tracked));
   for (const Warning& warning : warnings_from(header.warnings)) line(to_string(warning.severity), warning.text);
   for (const StoredEvent& event : events) line("event", fmt::format("{:.3f} s  {}", event.time, event.text));
+  return text;
+}
 
+nlohmann::json to_json(const RecordingContents& contents) {
+  const auto& [file, reader, header, summary, events, clocks] = contents;
   nlohmann::json list = nlohmann::json::array();
   for (const StoredEvent& event : events)
     list.push_back({{"time_s", event.time}, {"code", event.code}, {"text", event.text}});
@@ -151,7 +155,19 @@ int tell_of_recording(const InputFile& input, bool partial, const Output& output
     json["rms_error_m"] = summary.rms_error();
     json["peak_error_m"] = summary.peak_error();
   }
-  output.tell(json, text);
+  return json;
+}
+
+int tell_of_recording(const InputFile& input, bool partial, const Output& output) {
+  const std::string& file = input.name();
+  if (!input.csv().empty()) (void)open_path(input.path(), {}, {}, input.csv());  // reports why it rejects them
+  const RecordingReader reader(input.path(), parts_of(partial));
+  const auto summarised = [&] {
+    ReadProgress progress(output, file, reader.rows());
+    return summarise(reader, progress.callback());
+  };
+  const RecordingContents contents{file, reader, reader.header(), summarised(), reader.events(), clocks_of(reader)};
+  output.tell(to_json(contents), text_of(contents));
   return kDone;
 }
 

@@ -60,6 +60,80 @@ nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const R
   return json;
 }
 
+/// Prints the notes on each trial before it begins, and keeps them for the result.
+class TrialNotes {
+ public:
+  /// Borrows everything. `of_scene`: notes on the scene.
+  TrialNotes(const RecordArguments& arguments, std::vector<std::string> of_scene, RecordOptions& options,
+             const Output& output)
+      : arguments_(arguments),
+        of_scene_(std::move(of_scene)),
+        options_(options),
+        output_(output),
+        expected_(options.duration) {}
+
+  void begin(int trial, const Device& device, const std::string& file) {
+    const DeviceInfo& info = device.info();
+    expected_ = options_.duration > 0 ? options_.duration : info.natural_duration;
+    notes_ = info.notes;
+    notes_.insert(notes_.end(), of_scene_.begin(), of_scene_.end());
+    for (std::string& note : notes_on_reach(options_.session, info)) notes_.push_back(std::move(note));
+    if (trial == 1 && (options_.session.touch.scene || options_.session.support.force > 0))
+      note_limits(output_, options_.session, info);
+    if (trial == 1) note_before(output_, options_.session, "plan", notes_);
+    if (arguments_.count > 1) output_.remark(fmt::format("trial {} of {}: {}", trial, arguments_.count, file));
+  }
+
+  /// Returns the notes of the present trial.
+  [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
+  /// Returns the expected duration of the present trial [s]; 0: unknown.
+  [[nodiscard]] double expected() const noexcept { return expected_; }
+
+ private:
+  const RecordArguments& arguments_;
+  const std::vector<std::string> of_scene_;
+  RecordOptions& options_;
+  const Output& output_;
+  std::vector<std::string> notes_;
+  double expected_;
+};
+
+/// Runs the verb and returns its exit code.
+int record_command(const CLI::App& verb, const RecordArguments& arguments, const Output& output) {
+  require(verb, "file");
+  require(verb, "--device");
+  refuse_useless(verb, std::to_array<Dependence>({{"--pause", arguments.count > 1, "--count"},
+                                                  {"--up", arguments.session.support > 0, "--support"}}));
+  RecordOptions options = options_of(arguments, verb);
+  TrialNotes notes(arguments, arguments.scene.apply(options.session), options, output);
+  options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
+    const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
+    return profile ? std::optional(profile->plant) : std::nullopt;
+  };
+  Trials trials{.count = arguments.count, .pause = arguments.pause, .open = [&](int trial) {
+                  return open_for(arguments, trial);
+                }};
+  trials.begin = [&](int trial, const Device& device, const std::string& file) { notes.begin(trial, device, file); };
+  const Signals signals;
+  StopRequest stop(&signals.stop());
+  LivePage page(arguments.view, arguments.session, output, "record", stop);
+  page.watch(options.session);
+  LiveRecording commands(options.session.recording->options.annotations, stop);
+  options.live = &commands;
+  const LivePage::Use use(page, commands);
+  const Keys keys(options.session.recording->options.annotations, arguments.session.mark_texts, arguments.session.keys,
+                  commands);
+  const Progress progress = [&](const SessionView& view) { progress_bar(output, notes.expected(), &keys)(view); };
+  const std::vector<SessionResult> results = record_trials(trials, options, stop, progress);
+
+  nlohmann::json json = json_of_trials(results, arguments);
+  json["notes"] = notes.notes();
+  const int code = conclude(output, results.back());
+  output.tell(json, fmt::format("{}: recorded from {}\n{}", json["file"].get<std::string>(), arguments.session.device,
+                                session_summary(results.back())));
+  return code;
+}
+
 }  // namespace
 
 Verb add_record(CLI::App& app) {
@@ -94,52 +168,7 @@ Verb add_record(CLI::App& app) {
   arguments->session.add_wait_to(*verb);
   arguments->session.add_support_to(*verb);
 
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "file");
-            require(*verb, "--device");
-            refuse_useless(*verb, std::to_array<Dependence>({{"--pause", arguments->count > 1, "--count"},
-                                                             {"--up", arguments->session.support > 0, "--support"}}));
-            RecordOptions options = options_of(*arguments, *verb);
-
-            const std::vector<std::string> scene_notes = arguments->scene.apply(options.session);
-            std::vector<std::string> notes;
-            options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
-              const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
-              return profile ? std::optional(profile->plant) : std::nullopt;
-            };
-            Trials trials{.count = arguments->count, .pause = arguments->pause, .open = [&](int trial) {
-                            return open_for(*arguments, trial);
-                          }};
-            double expected = options.duration;
-            trials.begin = [&](int trial, const Device& device, const std::string& file) {
-              expected = options.duration > 0 ? options.duration : device.info().natural_duration;
-              notes = device.info().notes;
-              notes.insert(notes.end(), scene_notes.begin(), scene_notes.end());
-              for (std::string& note : notes_on_reach(options.session, device.info())) notes.push_back(std::move(note));
-              if (trial == 1 && (options.session.touch.scene || options.session.support.force > 0))
-                note_limits(output, options.session, device.info());
-              if (trial == 1) note_before(output, options.session, "plan", notes);
-              if (arguments->count > 1) output.remark(fmt::format("trial {} of {}: {}", trial, arguments->count, file));
-            };
-            const Signals signals;
-            StopRequest stop(&signals.stop());
-            LivePage page(arguments->view, arguments->session, output, "record", stop);
-            page.watch(options.session);
-            LiveRecording commands(options.session.recording->options.annotations, stop);
-            options.live = &commands;
-            const LivePage::Use use(page, commands);
-            const Keys keys(options.session.recording->options.annotations, arguments->session.mark_texts,
-                            arguments->session.keys, commands);
-            const Progress progress = [&](const SessionView& view) { progress_bar(output, expected, &keys)(view); };
-            const std::vector<SessionResult> results = record_trials(trials, options, stop, progress);
-
-            nlohmann::json json = json_of_trials(results, *arguments);
-            json["notes"] = notes;
-            const int code = conclude(output, results.back());
-            output.tell(json, fmt::format("{}: recorded from {}\n{}", json["file"].get<std::string>(),
-                                          arguments->session.device, session_summary(results.back())));
-            return code;
-          }};
+  return {verb, [verb, arguments](const Output& output) { return record_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

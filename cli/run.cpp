@@ -380,8 +380,8 @@ class ProgrammeScreen {
   double expected_ = 0;
 };
 
-/// Runs the verb and returns its exit code.
-int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
+/// Throws Error(input) unless the command line names a programme or a session to resume, without contradictions.
+void check_arguments(const RunArguments& arguments) {
   const bool resumes = !arguments.resume.empty();
   if (resumes == !arguments.programme.empty())
     throw input_error(resumes ? "--resume uses the programme of the session; do not name another one"
@@ -391,10 +391,50 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
     throw input_error("--dry-run prints the plan of a new session; haptrace report shows what --resume would continue");
   if (arguments.dry_run && arguments.fit && arguments.session.device.empty())
     throw input_error("--fit needs the workspace of a device: give --device too");
-  const std::string folder = resumes ? arguments.resume
-                             : arguments.folder.empty()
-                                 ? fs::path(arguments.programme).replace_extension().string() + "-session"
-                                 : arguments.folder;
+}
+
+/// Returns the folder of the session.
+std::string session_folder(const RunArguments& arguments) {
+  if (!arguments.resume.empty()) return arguments.resume;
+  if (!arguments.folder.empty()) return arguments.folder;
+  return fs::path(arguments.programme).replace_extension().string() + "-session";
+}
+
+/// Prints the notes of the device, and a warning if its time does not wait for answers to the programme's questions.
+void note_device(const RunArguments& arguments, const Programme& programme, const DeviceInfo& device,
+                 const Output& output) {
+  for (const std::string& note : device.notes) output.remark(note);
+  bool asks = false;
+  for (std::size_t i = 0; i < programme.size(); ++i) asks |= programme.exercise(i).sense.has_value();
+  if (asks && device.virtual_time && arguments.session.clock != "real")
+    output.warn({Severity::warning, "plan", kNaN,
+                 "in virtual time a question does not wait for an answer: add --clock real to answer"});
+}
+
+/// Returns the device's profile. The profile from the start of a session applies to all of it.
+std::optional<DeviceProfile> session_profile(const RunArguments& arguments, const DeviceInfo& device,
+                                             const std::string& folder, const Output& output) {
+  if (arguments.resume.empty()) return arguments.profile.find(device, arguments.session.rate_hz, output);
+  const std::string kept = (fs::path(folder) / kSessionProfile).string();
+  if (!fs::exists(kept)) return std::nullopt;
+  return profile_for(device, kept, arguments.session.rate_hz, output);
+}
+
+/// Returns the exit code of a sitting, and prints why it ended.
+int conclude_sitting(const ProgrammeResult& result, const StopRequest& stop, const Output& output) {
+  const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
+  int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
+  // The programme itself ended a repetition at its force dose.
+  if (code == kInterrupted && stop.count() == 0 && result.log.sittings.back().ended_by == "force_dose") code = kDone;
+  if (code == kDone && stop.count() > 0) code = kInterrupted;
+  return code;
+}
+
+/// Runs the verb and returns its exit code.
+int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
+  check_arguments(arguments);
+  const bool resumes = !arguments.resume.empty();
+  const std::string folder = session_folder(arguments);
   std::optional<SessionLog> log;
   if (resumes) log = resumed(verb, arguments, folder);
   const nlohmann::json json = resumes ? log->programme : programme_for(arguments);
@@ -417,12 +457,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
     return kDone;
   }
   require(verb, "--device");
-  for (const std::string& note : device->notes) output.remark(note);
-  bool asks = false;
-  for (std::size_t i = 0; i < programme.size(); ++i) asks |= programme.exercise(i).sense.has_value();
-  if (asks && device->virtual_time && arguments.session.clock != "real")
-    output.warn({Severity::warning, "plan", kNaN,
-                 "in virtual time a question does not wait for an answer: add --clock real to answer"});
+  note_device(arguments, programme, *device, output);
 
   ProgrammeOptions options{
       .folder = folder,
@@ -432,12 +467,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
         return devices.open(exercise, settings, path);
       }};
   note_limits(output, options.session, *device);
-  // The profile from the start applies to the whole session.
-  const std::string kept = (fs::path(folder) / kSessionProfile).string();
-  if (!resumes)
-    options.profile = arguments.profile.find(*device, arguments.session.rate_hz, output);
-  else if (fs::exists(kept))
-    options.profile = profile_for(*device, kept, arguments.session.rate_hz, output);
+  options.profile = session_profile(arguments, *device, folder, output);
   if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
   page.watch(options.session);
@@ -459,11 +489,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   nlohmann::json answer = to_json(result);
   answer["folder"] = folder;
   answer["tuning"] = commands.history();
-  const bool skipped = !result.log.trials.empty() && result.log.trials.back().skipped();
-  int code = result.last && !skipped ? conclude(output, *result.last) : kDone;
-  // The programme itself ended a repetition at its force dose.
-  if (code == kInterrupted && stop.count() == 0 && result.log.sittings.back().ended_by == "force_dose") code = kDone;
-  if (code == kDone && stop.count() > 0) code = kInterrupted;
+  const int code = conclude_sitting(result, stop, output);
   output.tell(answer, result_text(result, folder, resume_command(verb, shared_config(verb), folder)));
   return code;
 }
