@@ -153,6 +153,87 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   return text;
 }
 
+/// Returns the options of the session. Throws Error(input) if one is missing or contradicts another.
+CalibrationOptions options_of(const CLI::App& verb, const CalibrateArguments& arguments) {
+  require(verb, "--device");
+  if (arguments.quick && arguments.full) throw input_error("--quick and --full exclude each other");
+  return {.full = arguments.full,
+          .places = !arguments.quick,
+          .force_share = arguments.force_share,
+          .session = arguments.session.options(arguments.record, effective_config(verb))};
+}
+
+/// Returns true if the session runs on the real clock.
+bool is_real(const CalibrationOptions& options, const DeviceInfo& device) {
+  return options.session.clock == ClockChoice::real ||
+         (options.session.clock == ClockChoice::automatic && !device.virtual_time);
+}
+
+/// The file of the profile: the given one, or that of the device in the profile folder, which is replaced.
+struct ProfileFile {
+  std::string name;
+  bool overwrite;
+
+  ProfileFile(const CalibrateArguments& arguments, const DeviceInfo& device)
+      : name(arguments.output.empty() ? profile_file(identity_of(device)) : arguments.output),
+        overwrite(arguments.output.empty() || arguments.session.overwrite) {}
+
+  /// Stores the profile, and names the file in `json`. The results of the calibration stay valid if that fails: then
+  /// reports it and returns false.
+  bool save(const DeviceProfile& profile, nlohmann::json& json, const Output& output) const {
+    try {
+      save_profile(profile, name, overwrite);
+      json["profile_file"] = name;
+      return true;
+    } catch (const Error& error) {
+      json["error"] = error.what();
+      output.remark(fmt::format("{}; the profile was not saved", error.what()));
+      return false;
+    }
+  }
+};
+
+/// Runs the verb and returns its exit code.
+int calibrate_command(const CLI::App& verb, const CalibrateArguments& arguments, const Output& output) {
+  CalibrationOptions options = options_of(verb, arguments);
+  const Signals signals;
+  const auto device = arguments.session.open();
+  const DeviceInfo& info = device->info();
+  const ProfileFile file(arguments, info);
+  check_profile_output(file.name, file.overwrite);
+  const CalibrationPlan plan = plan_calibration(info, options);
+  note_limits(output, options.session, info);
+  note_before(output, options.session, "device", info.notes);
+  output.remark(announcement(plan, info));
+
+  if (is_real(options, info) && !arguments.yes && !count_down(output, signals.stop())) {
+    output.remark("interrupted before anything moved");
+    return kInterrupted;
+  }
+  ReadProgress search(output, "searching laws");
+  options.searching = search.share_callback();
+  const CalibrationResult result = calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
+  int code = conclude(output, result.session);
+  nlohmann::json json = to_json(result.session);
+  json["notes"] = info.notes;
+  if (!arguments.record.empty()) json["file"] = arguments.record;
+  if (!result.succeeded()) {
+    json["error"] = result.reason;
+    if (code == kDone) code = kStopped;
+    output.fault(result.reason + "; no profile was written");
+    output.tell(json, session_summary(result.session));
+    return code;
+  }
+  const DeviceProfile profile = profile_of(info, result, options.session.loop.rate_hz);
+  json["profile"] = to_json(profile);
+  const bool saved = file.save(profile, json, output);
+  if (!saved && code == kDone) code = kStopped;
+  output.tell(json,
+              fmt::format("{}: calibrated\n{}{}{}", info.name, table(plan, result), session_summary(result.session),
+                          saved ? fmt::format("  the profile is in {}\n", file.name) : ""));
+  return code;
+}
+
 }  // namespace
 
 Verb add_calibrate(CLI::App& app) {
@@ -176,62 +257,7 @@ Verb add_calibrate(CLI::App& app) {
   verb->add_option("--record", arguments->record, "write a recording of the session")->type_name("OUT.h5");
   arguments->session.add_to(*verb);
 
-  return {verb, [verb, arguments](const Output& output) {
-            require(*verb, "--device");
-            if (arguments->quick && arguments->full) throw input_error("--quick and --full exclude each other");
-            CalibrationOptions options{
-                .full = arguments->full,
-                .places = !arguments->quick,
-                .force_share = arguments->force_share,
-                .session = arguments->session.options(arguments->record, effective_config(*verb))};
-            const Signals signals;
-            const auto device = arguments->session.open();
-            const DeviceInfo& info = device->info();
-            const std::string file = arguments->output.empty() ? profile_file(identity_of(info)) : arguments->output;
-            const bool overwrite = arguments->output.empty() || arguments->session.overwrite;
-            check_profile_output(file, overwrite);
-            const CalibrationPlan plan = plan_calibration(info, options);
-            note_limits(output, options.session, info);
-            note_before(output, options.session, "device", info.notes);
-            output.remark(announcement(plan, info));
-
-            const bool real = options.session.clock == ClockChoice::real ||
-                              (options.session.clock == ClockChoice::automatic && !info.virtual_time);
-            if (real && !arguments->yes && !count_down(output, signals.stop())) {
-              output.remark("interrupted before anything moved");
-              return static_cast<int>(kInterrupted);
-            }
-            ReadProgress search(output, "searching laws");
-            options.searching = search.share_callback();
-            const CalibrationResult result =
-                calibrate(*device, options, signals.stop(), progress_bar(output, plan.duration + 1));
-            int code = conclude(output, result.session);
-            nlohmann::json json = to_json(result.session);
-            json["notes"] = info.notes;
-            if (!arguments->record.empty()) json["file"] = arguments->record;
-            if (!result.succeeded()) {
-              json["error"] = result.reason;
-              if (code == kDone) code = kStopped;
-              output.fault(result.reason + "; no profile was written");
-              output.tell(json, session_summary(result.session));
-              return code;
-            }
-            const DeviceProfile profile = profile_of(info, result, options.session.loop.rate_hz);
-            json["profile"] = to_json(profile);
-            std::string place;
-            try {
-              save_profile(profile, file, overwrite);
-              json["profile_file"] = file;
-              place = fmt::format("  the profile is in {}\n", file);
-            } catch (const Error& error) {  // the results of the calibration stay valid
-              json["error"] = error.what();
-              output.remark(fmt::format("{}; the profile was not saved", error.what()));
-              if (code == kDone) code = kStopped;
-            }
-            output.tell(json, fmt::format("{}: calibrated\n{}{}{}", info.name, table(plan, result),
-                                          session_summary(result.session), place));
-            return code;
-          }};
+  return {verb, [verb, arguments](const Output& output) { return calibrate_command(*verb, *arguments, output); }};
 }
 
 }  // namespace haptrace::cli

@@ -120,14 +120,47 @@ std::vector<Diagnosis> look_at_disk(const DoctorArguments& arguments, nlohmann::
   }
 }
 
-int examine(const DoctorArguments& arguments, const Output& output) {
+/// Throws Error(input) if an option is out of its range, or the folder does not exist.
+void check_arguments(const DoctorArguments& arguments) {
   std::error_code error;
   if (!std::filesystem::is_directory(arguments.folder, error))
     throw input_error(fmt::format("--folder {}: there is no such folder", arguments.folder));
   ServoLoop::validate({}, {.rate_hz = arguments.rate_hz});
   if (!(arguments.duration > 0 && arguments.duration <= 86400))
     throw input_error(fmt::format("--duration is {} s; it must be above 0 and at most a day", arguments.duration));
+}
 
+/// Compares the wake-up latency of the loop with that of cyclictest, and adds both to `json`.
+Diagnosis compare(const LoopMeasurement& loop, const Comparison& comparison, nlohmann::json& json) {
+  Diagnosis compared{Severity::note, "cyclictest", comparison.refusal, ""};
+  if (comparison.refusal.empty()) {
+    // Disturbances of a few turns do not change the median.
+    const double ours = median(loop.p999_of_turns), theirs = median(comparison.p999_of_turns);
+    const double ratio = ours / std::max(theirs, 1e-9);
+    compared.measured = fmt::format("{}; the servo loop's p99.9 is {:.2f} times as long (medians of {} turns)",
+                                    quantiles_text(comparison.latency), ratio, loop.p999_of_turns.size());
+    json["cyclictest"] = {{"samples", comparison.latency.count()},
+                          {"latency_s", haptrace::to_json(comparison.latency)},
+                          {"median_p999_s", {{"loop", ours}, {"cyclictest", theirs}}},
+                          {"p999_ratio", ratio}};
+  } else {
+    json["cyclictest"] = {{"error", comparison.refusal}};
+  }
+  return compared;
+}
+
+nlohmann::json to_json(const std::vector<Diagnosis>& diagnoses) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const Diagnosis& diagnosis : diagnoses)
+    list.push_back({{"severity", to_string(diagnosis.severity)},
+                    {"check", diagnosis.check},
+                    {"measured", diagnosis.measured},
+                    {"remedy", diagnosis.remedy}});
+  return list;
+}
+
+int examine(const DoctorArguments& arguments, const Output& output) {
+  check_arguments(arguments);
   nlohmann::json json{
       {"rate_hz", arguments.rate_hz},
       {"criterion", {{"missed_fraction", kMostMissed}, {"latency_p999_s", kLatestWakeUp / arguments.rate_hz}}}};
@@ -150,32 +183,11 @@ int examine(const DoctorArguments& arguments, const Output& output) {
   }
   add(examine_loop(loop));
 
-  if (arguments.cyclictest) {
-    Diagnosis compared{Severity::note, "cyclictest", comparison.refusal, ""};
-    if (comparison.refusal.empty()) {
-      // Disturbances of a few turns do not change the median.
-      const double ours = median(loop.p999_of_turns), theirs = median(comparison.p999_of_turns);
-      const double ratio = ours / std::max(theirs, 1e-9);
-      compared.measured = fmt::format("{}; the servo loop's p99.9 is {:.2f} times as long (medians of {} turns)",
-                                      quantiles_text(comparison.latency), ratio, loop.p999_of_turns.size());
-      json["cyclictest"] = {{"samples", comparison.latency.count()},
-                            {"latency_s", haptrace::to_json(comparison.latency)},
-                            {"median_p999_s", {{"loop", ours}, {"cyclictest", theirs}}},
-                            {"p999_ratio", ratio}};
-    } else {
-      json["cyclictest"] = {{"error", comparison.refusal}};
-    }
-    diagnoses.push_back(compared);
-  }
+  if (arguments.cyclictest) diagnoses.push_back(compare(loop, comparison, json));
 
   json["holds_rate"] = loop.holds_rate();
   json["loop"] = to_json(loop);
-  json["findings"] = nlohmann::json::array();
-  for (const Diagnosis& diagnosis : diagnoses)
-    json["findings"].push_back({{"severity", to_string(diagnosis.severity)},
-                                {"check", diagnosis.check},
-                                {"measured", diagnosis.measured},
-                                {"remedy", diagnosis.remedy}});
+  json["findings"] = to_json(diagnoses);
   const auto problems = std::count_if(diagnoses.begin(), diagnoses.end(), [](const Diagnosis& diagnosis) {
     return diagnosis.severity == Severity::problem;
   });

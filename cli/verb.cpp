@@ -125,6 +125,15 @@ void Output::warn(const Warning& warning) const {
 void SessionArguments::add_to(CLI::App& app) {
   app.add_option("-d,--device", device, "device, with options as key=value,... (`haptrace devices` lists all)")
       ->type_name("NAME[:...]");
+  add_loop_to(app);
+  add_safety_to(app);
+  add_metadata_to(app);
+  add_storage_to(app);
+  add_marks_to(app);
+  app.add_flag("--overwrite", overwrite, "replace an existing file")->group("Recording");
+}
+
+void SessionArguments::add_loop_to(CLI::App& app) {
   app.add_option("--rate", rate_hz, "servo rate [Hz], 10 to 20000")->capture_default_str()->group("Loop");
   app.add_option("--clock", clock,
                  "clock of the loop: real | virtual (reproducible, as fast as the machine allows) | auto (virtual for "
@@ -138,6 +147,9 @@ void SessionArguments::add_to(CLI::App& app) {
       ->group("Loop");
   app.add_option("--seed", seed, "random seed of a simulated device")->group("Loop");
   app.add_flag("--no-realtime", no_realtime, "do not request real-time scheduling and locked memory")->group("Loop");
+}
+
+void SessionArguments::add_safety_to(CLI::App& app) {
   app.add_option("--max-force", limits.max_force, "force limit [N] (0: the device's limit)")
       ->capture_default_str()
       ->group("Safety");
@@ -154,6 +166,9 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--release", limits.release, "time over which forces fade out [s]")
       ->capture_default_str()
       ->group("Safety");
+}
+
+void SessionArguments::add_metadata_to(CLI::App& app) {
   app.add_option("--title", title, "title, stored in the recording")->group("Recording");
   app.add_option("--subject", subject, "participant, stored in the recording")->group("Recording");
   app.add_option("--operator", operator_name, "operator, stored in the recording")->group("Recording");
@@ -165,6 +180,9 @@ void SessionArguments::add_to(CLI::App& app) {
                  "template of the metadata: a JSON object; a key whose value is null must be given with --meta")
       ->type_name("FILE.json")
       ->group("Recording");
+}
+
+void SessionArguments::add_storage_to(CLI::App& app) {
   app.add_option("--split", split,
                  "start a new file every 30min, 2h or 1GiB; all verbs read the files as one recording")
       ->type_name("TIME|SIZE")
@@ -180,12 +198,14 @@ void SessionArguments::add_to(CLI::App& app) {
   app.add_option("--compress", compress, "compression level, 1 to 9 (0: none)")
       ->capture_default_str()
       ->group("Recording");
+}
+
+void SessionArguments::add_marks_to(CLI::App& app) {
   app.add_flag("--mark-buttons", mark_buttons, "set a mark when a button of the device is pressed")->group("Recording");
   app.add_option("--mark-texts", mark_texts, "texts of the mark keys 1 to 9, separated by commas")
       ->delimiter(',')
       ->group("Recording");
   app.add_flag("--keys", keys, "read keys even if standard input is not a terminal")->group("Recording");
-  app.add_flag("--overwrite", overwrite, "replace an existing file")->group("Recording");
 }
 
 void SessionArguments::add_wait_to(CLI::App& app) {

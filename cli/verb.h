@@ -108,6 +108,13 @@ struct SessionArguments {
 
   /// Returns the options of a session; without a `file`, it is not recorded. Throws Error(input) naming the option.
   [[nodiscard]] SessionOptions options(const std::string& file, const nlohmann::json& config) const;
+
+ private:
+  void add_loop_to(CLI::App& app);
+  void add_safety_to(CLI::App& app);
+  void add_metadata_to(CLI::App& app);
+  void add_storage_to(CLI::App& app);
+  void add_marks_to(CLI::App& app);
 };
 
 /// Throws Error(input) unless a required option of the verb was given, on the command line or in --config.
