@@ -520,22 +520,28 @@ class ProgrammeRun {
     return trial.sense ? movement_file(path, trial.sense->pair) : path;
   }
 
-  /// Runs one repetition, logs it, and updates the progression.
-  const SessionResult& run_trial(const ScheduledTrial& scheduled) {
+  /// Returns a trial that is about to run, with its settings and the name of its file.
+  LoggedTrial prepared(const ScheduledTrial& scheduled) {
     const std::size_t i = scheduled.exercise;
-    const Exercise& exercise = programme_.exercise(i);
     LoggedTrial trial{.exercise = i,
                       .round = scheduled.round,
                       .repetition = scheduled.repetition,
                       .settings = states_[i].settings(),
                       .began = now_text(),
                       .shown = shown_parts(programme_, i, scheduled.round, scheduled.repetition)};
-    if (exercise.reach) place_reach(scheduled, trial);
+    if (programme_.exercise(i).reach) place_reach(scheduled, trial);
     trial.sense = scheduled.sense;
     support_arm(trial);
     const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
     if (helped) trial.settings.assistance = *helped;
     name_attempt(scheduled, trial);
+    return trial;
+  }
+
+  /// Runs one repetition, logs it, and updates the progression.
+  const SessionResult& run_trial(const ScheduledTrial& scheduled) {
+    const Exercise& exercise = programme_.exercise(scheduled.exercise);
+    LoggedTrial trial = prepared(scheduled);
     const std::shared_ptr<Device> device = options_.open(exercise, trial.settings, file(path_of_trial(trial)));
     check(device->info());
     if (steering_of(*device) != nullptr) trial.input = kIntentOfView;
@@ -551,40 +557,9 @@ class ProgrammeRun {
     motors_.rested = begins - cools_from_;
     TrialRun run = run_mode(*device, exercise, trial, watch, end);
     cools_from_ = begins + run.session.servo.duration;
-    const LiveSession::TrialEnd end_of_trial = commanded.finish();
-    trial.unattended = end_of_trial.unattended;
-    // A note that concerns the device rather than the trial is reported once.
-    for (std::string& note : run.notes)
-      if (told_.insert(note).second) trial.notices.push_back(std::move(note));
-    // The recording stores events, and the log stores the end of the trial.
-    for (const Warning& warning : run.session.warnings)
-      if (!is_of_event(warning.code) && warning.code != "stopped") trial.notices.push_back(warning.text);
-    trial.duration = run.session.servo.duration;
-    trial.force_dose = watch.dose();
-    trial.stopped_by = to_string(run.session.servo.cause);
-    if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
-    if (watch.dose_reached() && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
-      trial.stopped_by = kForceDose;
-    // A skip may come too late to matter, and Ctrl+C counts for more.
-    if (end_of_trial.skipped && run.session.servo.cause == StopCause::interrupted && stop_.count() == 0)
-      trial.stopped_by = "skipped";
-    trial.detail = trial.stopped_by == kForceDose ? "" : run.session.servo.detail;
-    trial.initiation = run.initiation;
-    if (trial.settings.support) trial.settings.support = run.session.support;
-    if (run.places) trial.places = run.places;
-    if (exercise.mode != ExerciseMode::passive && !exercise.reach) {
-      trial.settings.stiffness = run.stiffness;
-      if (options_.live != nullptr) note_changes(i, run, trial.settings);
-    }
-    if (trial.sense && trial.finished()) {
-      trial.sense->answer = ask(exercise.sense->answer);
-      // A stop in the question leaves it open: the trial will be done again.
-      if (trial.sense->answer == 0) {
-        trial.stopped_by = stop_.count() > 0 ? to_string(StopCause::interrupted) : "time_over";
-        const char* const kNoWait = "in virtual time a question does not wait for an answer; use --clock real";
-        if (virtual_ && told_.insert(kNoWait).second) trial.notices.emplace_back(kNoWait);
-      }
-    }
+    log_run(trial, run, watch, commanded.finish());
+    log_settings(trial, run);
+    if (trial.sense && trial.finished()) log_answer(trial);
     measure(trial, watch.without_cue());
     sitting().duration += trial.duration;
     sitting().force_dose += trial.force_dose;
@@ -592,6 +567,48 @@ class ProgrammeRun {
     save();
     result_.last = std::move(run.session);
     return *result_.last;
+  }
+
+  /// Logs what a repetition was like and what ended it. Takes its notes.
+  void log_run(LoggedTrial& trial, TrialRun& run, const TrialWatch& watch, const LiveSession::TrialEnd& end) {
+    trial.unattended = end.unattended;
+    // A note that concerns the device rather than the trial is reported once.
+    for (std::string& note : run.notes)
+      if (told_.insert(note).second) trial.notices.push_back(std::move(note));
+    // The recording stores events, and the log stores the end of the trial.
+    for (const Warning& warning : run.session.warnings)
+      if (!is_of_event(warning.code) && warning.code != "stopped") trial.notices.push_back(warning.text);
+    const ServoReport& servo = run.session.servo;
+    trial.duration = servo.duration;
+    trial.force_dose = watch.dose();
+    trial.stopped_by = to_string(servo.cause);
+    if (trial.finished() && watch.time_over()) trial.stopped_by = "time_over";
+    if (watch.dose_reached() && servo.cause == StopCause::interrupted && stop_.count() == 0)
+      trial.stopped_by = kForceDose;
+    // A skip may come too late to matter, and Ctrl+C counts for more.
+    if (end.skipped && servo.cause == StopCause::interrupted && stop_.count() == 0) trial.stopped_by = "skipped";
+    trial.detail = trial.stopped_by == kForceDose ? "" : servo.detail;
+    trial.initiation = run.initiation;
+    if (run.places) trial.places = run.places;
+  }
+
+  /// Logs the settings that were in force.
+  void log_settings(LoggedTrial& trial, const TrialRun& run) const {
+    const Exercise& exercise = programme_.exercise(trial.exercise);
+    if (trial.settings.support) trial.settings.support = run.session.support;
+    if (exercise.mode == ExerciseMode::passive || exercise.reach) return;
+    trial.settings.stiffness = run.stiffness;
+    if (options_.live != nullptr) note_changes(trial.exercise, run, trial.settings);
+  }
+
+  /// Asks which of two places was farther, and logs the answer.
+  void log_answer(LoggedTrial& trial) {
+    trial.sense->answer = ask(programme_.exercise(trial.exercise).sense->answer);
+    if (trial.sense->answer != 0) return;
+    // A stop in the question leaves it open: the trial will be done again.
+    trial.stopped_by = stop_.count() > 0 ? to_string(StopCause::interrupted) : "time_over";
+    const char* const kNoWait = "in virtual time a question does not wait for an answer; use --clock real";
+    if (virtual_ && told_.insert(kNoWait).second) trial.notices.emplace_back(kNoWait);
   }
 
   /// Sets the part of the arm's weight that the device carries in a trial.
@@ -778,13 +795,17 @@ class ProgrammeRun {
     return {play(device, plan, options, stop, progress_).session, {}, {}, {}};
   }
 
-  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
-                       const StopRequest& stop) {
-    const std::string path = file(log().paths[trial.exercise]);
+  /// Returns the share of its help that an exercise gives.
+  static double assistance_of(const Exercise& exercise, const TrialSettings& settings) {
+    return exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
+  }
+
+  /// Returns the options of a guided repetition, without those of its session.
+  [[nodiscard]] GuideOptions guide_options(const Exercise& exercise, const LoggedTrial& trial,
+                                           TrialWatch& watch) const {
     const TrialSettings& settings = trial.settings;
-    const double assistance = exercise.mode == ExerciseMode::assisted ? settings.assistance : 1;
+    const double assistance = assistance_of(exercise, settings);
     const bool cursor = exercise.mode == ExerciseMode::cursor;
-    const double force_scale = paths_[trial.exercise].force.empty() ? 0 : exercise.force_scale;
     GuideOptions options{.guidance = {.cursor = cursor,
                                       .allow_back = exercise.allow_back,
                                       .speed = cursor ? settings.pace : 1,
@@ -797,49 +818,64 @@ class ProgrammeRun {
                          .free = exercise.mode == ExerciseMode::free || assistance < kLeastAssistance,
                          .tunnel_without_walls = has_tunnel(exercise),
                          .stiffness = settings.stiffness,
-                         .force_scale = force_scale,
+                         .force_scale = paths_[trial.exercise].force.empty() ? 0 : exercise.force_scale,
                          .feel = exercise.resist_forces ? Feel::resist : Feel::active,
                          .viscosity = exercise.viscosity,
                          .identified = identified_,
                          .sinks = {&watch},
                          .live = options_.live};
-    nlohmann::json config{{"verb", "guide"},
-                          {"expert", absolute(log().paths[trial.exercise])},
-                          {"mode", options.free ? "free"
-                                   : cursor     ? "cursor"
-                                                : "tunnel"},
-                          {"time-limit", options.guidance.time_limit},
-                          {"force-scale", force_scale},
-                          {"feel", exercise.resist_forces ? "resist" : "active"},
-                          {"viscosity", exercise.viscosity}};
-    if (has_tunnel(exercise)) config["radius"] = settings.radius;
-    if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
-    if (exercise.mode == ExerciseMode::assisted) {
+    if (exercise.mode == ExerciseMode::assisted)
       options.pace = PaceHelpOptions{.pace = settings.pace, .max_force = assistance * exercise.assist_force};
-      config.update({{"pace", settings.pace}, {"pace-force", options.pace->max_force}});
-    }
     if (exercise.initiate && !options.free) {
       options.initiate = exercise.initiate;
       options.initiate->pace = (1 - PaceHelpOptions{}.margin) * settings.pace;
       options.initiate->max_force *= assistance;
-      config.update({{"initiate", true},
-                     {"initiate-wait", options.initiate->wait},
-                     {"initiate-stiffness", options.initiate->stiffness},
-                     {"initiate-force", options.initiate->max_force}});
     }
-    if (exercise.mode == ExerciseMode::resist) {
-      options.resistance = exercise.resistance;
-      config["resistance"] = exercise.resistance;
-    }
+    if (exercise.mode == ExerciseMode::resist) options.resistance = exercise.resistance;
     // On the path no force is sent, and the hand may be anywhere. During the approach a force leads the hand.
     if (options.free) {
       options.guidance.max_approach_deviation = options_.max_deviation;
       options.guidance.max_deviation = 10;
     }
+    return options;
+  }
 
+  /// Returns the command that repeats a guided repetition, for its recording, without what its plan decides.
+  [[nodiscard]] nlohmann::json guide_config(const Exercise& exercise, const LoggedTrial& trial,
+                                            const GuideOptions& options) const {
+    const TrialSettings& settings = trial.settings;
+    const bool cursor = options.guidance.cursor;
+    nlohmann::json config{{"verb", "guide"},
+                          {"expert", absolute(result_.log.paths[trial.exercise])},
+                          {"mode", options.free ? "free"
+                                   : cursor     ? "cursor"
+                                                : "tunnel"},
+                          {"time-limit", options.guidance.time_limit},
+                          {"force-scale", options.force_scale},
+                          {"feel", exercise.resist_forces ? "resist" : "active"},
+                          {"viscosity", exercise.viscosity},
+                          {"max-deviation", options.guidance.max_deviation},
+                          {"allow-back", exercise.allow_back}};
+    if (has_tunnel(exercise)) config["radius"] = settings.radius;
+    if (cursor) config.update({{"speed", settings.pace}, {"wait", exercise.wait}});
+    if (options.pace) config.update({{"pace", settings.pace}, {"pace-force", options.pace->max_force}});
+    if (options.initiate)
+      config.update({{"initiate", true},
+                     {"initiate-wait", options.initiate->wait},
+                     {"initiate-stiffness", options.initiate->stiffness},
+                     {"initiate-force", options.initiate->max_force}});
+    if (exercise.mode == ExerciseMode::resist) config["resistance"] = exercise.resistance;
+    return config;
+  }
+
+  TrialRun guide_trial(Device& device, const Exercise& exercise, const LoggedTrial& trial, TrialWatch& watch,
+                       const StopRequest& stop) {
+    const std::string path = file(log().paths[trial.exercise]);
+    GuideOptions options = guide_options(exercise, trial, watch);
+    nlohmann::json config = guide_config(exercise, trial, options);
     GuidePlan plan = plan_guidance(device.info(), open_path(path), options);
     if (options_.live != nullptr) options_.live->begin(scope_of(exercise, trial, plan, options), trial.exercise);
-    plan.stiffness *= assistance;
+    plan.stiffness *= assistance_of(exercise, trial.settings);
     if (!options.free) config["stiffness"] = plan.stiffness;
     if (options_.live != nullptr && !options.free) {
       const GuidanceValues values = options_.live->wanted();
@@ -847,8 +883,6 @@ class ProgrammeRun {
                      {"stiffness", values.stiffness * (exercise.mode == ExerciseMode::assisted ? values.assist : 1)},
                      {"force-scale", values.force}});
     }
-    config["max-deviation"] = options.guidance.max_deviation;
-    config["allow-back"] = exercise.allow_back;
     options.session = session_for(device.info(), exercise, trial, watch, std::move(config));
     std::vector<std::string> notes = plan.notes;
     notes.insert(notes.end(), plan.warnings.begin(), plan.warnings.end());
