@@ -38,25 +38,48 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
       structure_(spec.structural_mode.has_value()) {
   Vec3 moving = Vec3::Zero();
   for (int axis = 0; axis < 3; ++axis) moving[axis] = spec.axes[static_cast<std::size_t>(axis)] ? 1 : 0;
-  const Vec3 start_a = rotation_ * start.cwiseProduct(moving);
+  place_bodies(spec, rotation_ * start.cwiseProduct(moving), moving);
+  if (spec.actuator_bandwidth_hz > 0) lag_time_constant_ = 1 / (2 * std::numbers::pi * spec.actuator_bandwidth_hz);
+  take_friction(spec);
+  take_position_forces(spec);
 
+  workspace_ = spec.workspace;
+  const double nearest = std::min(spec.workspace.max.minCoeff(), (-spec.workspace.min).minCoeff());
+  safe_radius_squared_ = nearest > 0 ? nearest * nearest : 0;
+  wall_mass_ = motor_mass_.minCoeff();
+
+  if (spec.hand) take_hand(*spec.hand, start, follows_intent);
+
+  const bool by_matrices = integrator != Integrator::semi_implicit;
+  longest_step_ = std::min(longest_step, longest_good_step(spec.model, by_matrices));
+  if (by_matrices) linear_.resize(kStepsKnown);
+  const Friction friction = spec.coulomb.isZero(0)                ? Friction::none
+                            : spec.presliding_stiffness.isZero(0) ? Friction::rigid
+                                                                  : Friction::lugre;
+  advance_ = choose(friction, structure_, spec.hand.has_value(), by_matrices);
+}
+
+/// Places the motors and, if the structure is elastic, the handle at `start`, at rest. `moving` is 0 on an axis that is
+/// held, else 1.
+void Plant::place_bodies(const SimSpec& spec, const Vec3& start, const Vec3& moving) {
   Vec3 motor_mass = spec.mass;
   if (spec.structural_mode) {
     const Vec3 handle_mass = spec.structural_mode->handle_fraction * spec.mass;
     motor_mass -= handle_mass;
-    handle_ = {start_a, Vec3::Zero(), moving.cwiseQuotient(handle_mass)};
+    handle_ = {start, Vec3::Zero(), moving.cwiseQuotient(handle_mass)};
     const double omega = 2 * std::numbers::pi * spec.structural_mode->frequency_hz;
     const Vec3 reduced_mass = motor_mass.cwiseProduct(handle_mass).cwiseQuotient(spec.mass);
     link_stiffness_ = omega * omega * reduced_mass;
     link_damping_ = 2 * spec.structural_mode->damping_ratio * omega * reduced_mass;
     half_backlash_ = 0.5 * spec.backlash;
   }
-  motor_ = {start_a, Vec3::Zero(), moving.cwiseQuotient(motor_mass)};
+  motor_ = {start, Vec3::Zero(), moving.cwiseQuotient(motor_mass)};
   motor_mass_ = motor_mass;
   inertia_variation_ = spec.inertia_variation;
   inertia_wave_number_ = std::numbers::pi / spec.inertia_length;
+}
 
-  if (spec.actuator_bandwidth_hz > 0) lag_time_constant_ = 1 / (2 * std::numbers::pi * spec.actuator_bandwidth_hz);
+void Plant::take_friction(const SimSpec& spec) {
   viscous_ = spec.viscous;
   coulomb_ = spec.coulomb;
   if (spec.static_ratio > 1) {
@@ -65,50 +88,45 @@ Plant::Plant(const SimSpec& spec, const Vec3& start, bool follows_intent, double
   }
   bristle_stiffness_ = spec.presliding_stiffness;
   bristle_damping_ = spec.presliding_damping;
+}
 
+void Plant::take_position_forces(const SimSpec& spec) {
   bias_ = rotation_ * spec.gravity_bias;
   gradient_ = rotation_ * spec.gravity_gradient * rotation_.transpose();
   has_gradient_ = !spec.gravity_gradient.isZero(0);
   has_cogging_ = !spec.cogging.isZero(0);
   cogging_ = spec.cogging;
   if (has_cogging_) cogging_wave_number_ = 2 * std::numbers::pi / spec.cogging_period;
+}
 
-  workspace_ = spec.workspace;
-  const double nearest = std::min(spec.workspace.max.minCoeff(), (-spec.workspace.min).minCoeff());
-  safe_radius_squared_ = nearest > 0 ? nearest * nearest : 0;
-  wall_mass_ = motor_mass.minCoeff();
-
-  if (spec.hand) {
-    hand_ = {rotation_ * start, Vec3::Zero(), Vec3::Constant(1 / spec.hand->mass)};
-    grip_stiffness_ = spec.hand->grip_stiffness;
-    grip_damping_ = spec.hand->grip_damping;
-    arm_stiffness_ = spec.hand->arm_stiffness;
-    arm_relaxation_ = spec.hand->arm_relaxation;
-    arm_damping_ = spec.hand->arm_damping;
-    if (follows_intent) {
-      intent_stiffness_ = full_intent_stiffness_ = spec.hand->intent_stiffness;
-      intent_damping_ = full_intent_damping_ = spec.hand->intent_damping;
-    }
+void Plant::take_hand(const HandSpec& hand, const Vec3& start, bool follows_intent) {
+  hand_ = {rotation_ * start, Vec3::Zero(), Vec3::Constant(1 / hand.mass)};
+  grip_stiffness_ = hand.grip_stiffness;
+  grip_damping_ = hand.grip_damping;
+  arm_stiffness_ = hand.arm_stiffness;
+  arm_relaxation_ = hand.arm_relaxation;
+  arm_damping_ = hand.arm_damping;
+  if (follows_intent) {
+    intent_stiffness_ = full_intent_stiffness_ = hand.intent_stiffness;
+    intent_damping_ = full_intent_damping_ = hand.intent_damping;
   }
+}
 
-  const bool by_matrices = integrator != Integrator::semi_implicit;
+/// Returns the longest step with which the integrator is accurate, or, by matrices, stable [s]. Throws Error(input) if
+/// there is none.
+double Plant::longest_good_step(const std::string& model, bool by_matrices) const {
   if (by_matrices && inertia_variation_ > 0)
     throw input_error(
         fmt::format("integrator {}: the mass of the {} varies with the place (inertia), and the matrices of this "
                     "integrator are those of one mass; use {}",
-                    to_string(integrator), spec.model, to_string(Integrator::semi_implicit)));
+                    to_string(integrator_), model, to_string(Integrator::semi_implicit)));
   const double stable = by_matrices ? stable_step() : accurate_step();
   if (by_matrices && !(stable >= kShortestStep))
     throw input_error(
         fmt::format("integrator {}: no step is stable for the {}, because some of its springs have almost no damping; "
                     "add damping, or use another integrator",
-                    to_string(integrator), spec.model));
-  longest_step_ = std::min(longest_step, stable);
-  if (by_matrices) linear_.resize(kStepsKnown);
-  const Friction friction = spec.coulomb.isZero(0)                ? Friction::none
-                            : spec.presliding_stiffness.isZero(0) ? Friction::rigid
-                                                                  : Friction::lugre;
-  advance_ = choose(friction, structure_, spec.hand.has_value(), by_matrices);
+                    to_string(integrator_), model));
+  return stable;
 }
 
 void Plant::follow_intent(double share) noexcept {
@@ -355,27 +373,90 @@ void Plant::advance_as(double span, const PlantInput& input) noexcept {
   }
 }
 
-template <Plant::Friction friction, bool structure, bool hand>
-void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
-  constexpr int kBodies = 1 + structure + hand, kMotor = 0, kHandle = structure ? 1 : 0, kHand = kBodies - 1;
-  using Chain = Eigen::Matrix<double, 2 * kBodies, 1>;
+/// The bodies of every axis, each as a chain, over one step.
+template <bool structure, bool hand>
+struct Plant::Chains {
+  static constexpr int kBodies = 1 + structure + hand, kMotor = 0, kHandle = structure ? 1 : 0, kHand = kBodies - 1;
+  using State = Eigen::Matrix<double, 2 * kBodies, 1>;
   using Forces = Eigen::Matrix<double, kBodies, 1>;
   using Phi = Eigen::Map<const Eigen::Matrix<double, 2 * kBodies, 2 * kBodies>>;
   using Gamma = Eigen::Map<const Eigen::Matrix<double, 2 * kBodies, kBodies>>;
 
+  std::array<State, 3> next;                   ///< positions and then velocities at the end of the step
+  std::array<const LinearStep*, 3> of_axis{};  ///< its matrices
+  Vec3 free;                                   ///< velocity of the motors at its end without friction and walls [m/s]
+};
+
+/// Advances the chains by a step without friction and walls, and the velocity of the motors with friction. The forces
+/// are held over the step [N].
+template <Plant::Friction friction, bool structure, bool hand>
+[[gnu::always_inline]] inline void Plant::advance_chains(const LinearSteps& linear, const Vec3& on_motor,
+                                                         const Vec3& on_hand,
+                                                         Chains<structure, hand>& chains) noexcept {
+  using Chain = Chains<structure, hand>;
+  constexpr int kBodies = Chain::kBodies, kMotor = Chain::kMotor, kHandle = Chain::kHandle, kHand = Chain::kHand;
+  Vec3 play = Vec3::Zero();
+  if constexpr (structure) play = beyond_play(motor_.x - handle_.x, half_backlash_);
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(axis);
+    const bool linked = !structure || half_backlash_ == 0 || play[axis] != 0;
+    const LinearStep& step = linked ? linear.linked[at] : linear.apart[at];
+    chains.of_axis[at] = &step;
+    typename Chain::State x = Chain::State::Zero();
+    typename Chain::Forces f = Chain::Forces::Zero();
+    x[kMotor] = motor_.x[axis], x[kBodies + kMotor] = motor_.v[axis];
+    f[kMotor] = on_motor[axis];
+    if constexpr (structure) {
+      x[kHandle] = handle_.x[axis], x[kBodies + kHandle] = handle_.v[axis];
+      // The spring in the matrices has no backlash: correct its force.
+      const double too_much = linked ? link_stiffness_[axis] * (x[kMotor] - x[kHandle] - play[axis]) : 0;
+      f[kMotor] += too_much;
+      f[kHandle] -= too_much;
+    }
+    if constexpr (hand) {
+      x[kHand] = hand_.x[axis], x[kBodies + kHand] = hand_.v[axis];
+      f[kHand] = on_hand[axis];
+    }
+    chains.next[at] = typename Chain::Phi(step.phi.data()) * x + typename Chain::Gamma(step.gamma.data()) * f;
+    chains.free[axis] = chains.next[at][kBodies + kMotor];
+    motor_.v[axis] = braked<friction>(axis, motor_.v[axis], chains.free[axis], step.gamma(kBodies, 0), 1);
+  }
+}
+
+/// Moves the bodies to the end of the step. Applies friction and walls as the force that, held over the step, leaves
+/// the velocity of the motors.
+template <bool structure, bool hand>
+[[gnu::always_inline]] inline void Plant::end_step(Chains<structure, hand>& chains) noexcept {
+  using Chain = Chains<structure, hand>;
+  constexpr int kBodies = Chain::kBodies, kMotor = Chain::kMotor, kHandle = Chain::kHandle, kHand = Chain::kHand;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(axis);
+    typename Chain::State& next = chains.next[at];
+    const LinearStep& step = *chains.of_axis[at];
+    const double by_force = step.gamma(kBodies, 0), change = motor_.v[axis] - chains.free[axis];
+    if (change != 0 && by_force != 0)
+      next += typename Chain::Gamma(step.gamma.data()).col(kMotor) * (change / by_force);
+    motor_.x[axis] = next[kMotor];
+    if constexpr (structure) handle_.x[axis] = next[kHandle], handle_.v[axis] = next[kBodies + kHandle];
+    if constexpr (hand) hand_.x[axis] = next[kHand], hand_.v[axis] = next[kBodies + kHand];
+  }
+}
+
+template <Plant::Friction friction, bool structure, bool hand>
+void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
   const double steps = steps_in(span);
   prepare(span / steps);
   const double h = step_.h;
   const LinearSteps& linear = linear_steps(h);
   Vec3 mobility;  // change of the motor's velocity at the step's end per force held over the step
-  for (int axis = 0; axis < 3; ++axis) mobility[axis] = linear.linked[static_cast<std::size_t>(axis)].gamma(kBodies, 0);
+  for (int axis = 0; axis < 3; ++axis)
+    mobility[axis] = linear.linked[static_cast<std::size_t>(axis)].gamma(Chains<structure, hand>::kBodies, 0);
   Vec3 hand_force = input.hand_force, intent = input.intent;
 
   for (double left = steps; left > 0; --left) {
     const Vec3 of_motors = motor_force_over_step(input.command);
     const Vec3 on_motor = of_motors + position_force(motor_.x + 0.5 * h * motor_.v);
-    Vec3 play = Vec3::Zero(), on_hand = Vec3::Zero();
-    if constexpr (structure) play = beyond_play(motor_.x - handle_.x, half_backlash_);
+    Vec3 on_hand = Vec3::Zero();
     if constexpr (hand) {
       const Vec3 arm = step_.arm_half_decay * arm_force_ + step_.arm_half_gain * (input.intent_velocity - hand_.v);
       on_hand = arm + (arm_damping_ + intent_damping_) * input.intent_velocity +
@@ -384,45 +465,11 @@ void Plant::advance_by_matrices(double span, const PlantInput& input) noexcept {
       intent += h * input.intent_velocity;
       hand_force += h * input.hand_force_rate;
     }
-
-    std::array<Chain, 3> next;
-    std::array<const LinearStep*, 3> of_axis{};
-    Vec3 free;
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto at = static_cast<std::size_t>(axis);
-      const bool linked = !structure || half_backlash_ == 0 || play[axis] != 0;
-      of_axis[at] = linked ? &linear.linked[at] : &linear.apart[at];
-      Chain x = Chain::Zero();
-      Forces f = Forces::Zero();
-      x[kMotor] = motor_.x[axis], x[kBodies + kMotor] = motor_.v[axis];
-      f[kMotor] = on_motor[axis];
-      if constexpr (structure) {
-        x[kHandle] = handle_.x[axis], x[kBodies + kHandle] = handle_.v[axis];
-        // The spring in the matrices has no backlash: correct its force.
-        const double too_much = linked ? link_stiffness_[axis] * (x[kMotor] - x[kHandle] - play[axis]) : 0;
-        f[kMotor] += too_much;
-        f[kHandle] -= too_much;
-      }
-      if constexpr (hand) {
-        x[kHand] = hand_.x[axis], x[kBodies + kHand] = hand_.v[axis];
-        f[kHand] = on_hand[axis];
-      }
-      next[at] = Phi(of_axis[at]->phi.data()) * x + Gamma(of_axis[at]->gamma.data()) * f;
-      free[axis] = next[at][kBodies + kMotor];
-      motor_.v[axis] = braked<friction>(axis, motor_.v[axis], free[axis], of_axis[at]->gamma(kBodies, 0), 1);
-    }
-    push_back_from_walls(mobility.maxCoeff());
-
-    // Apply friction and walls as the force that, held over the step, leaves this velocity.
     const Vec3 motor_before = motor_.x, hand_before = hand_.x;
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto at = static_cast<std::size_t>(axis);
-      const double by_force = of_axis[at]->gamma(kBodies, 0), change = motor_.v[axis] - free[axis];
-      if (change != 0 && by_force != 0) next[at] += Gamma(of_axis[at]->gamma.data()).col(kMotor) * (change / by_force);
-      motor_.x[axis] = next[at][kMotor];
-      if constexpr (structure) handle_.x[axis] = next[at][kHandle], handle_.v[axis] = next[at][kBodies + kHandle];
-      if constexpr (hand) hand_.x[axis] = next[at][kHand], hand_.v[axis] = next[at][kBodies + kHand];
-    }
+    Chains<structure, hand> chains;
+    advance_chains<friction>(linear, on_motor, on_hand, chains);
+    push_back_from_walls(mobility.maxCoeff());
+    end_step(chains);
     motor_work_ += of_motors.dot(motor_.x - motor_before);
     if constexpr (hand)
       arm_force_ =

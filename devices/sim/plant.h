@@ -5,6 +5,7 @@
 #include "devices/sim/spec.h"
 
 #include <array>
+#include <string>
 #include <vector>
 
 namespace haptrace {
@@ -109,12 +110,25 @@ class Plant {
     std::array<LinearStep, 3> linked, apart;
   };
 
+  void place_bodies(const SimSpec& spec, const Vec3& start, const Vec3& moving);
+  void take_friction(const SimSpec& spec);
+  void take_position_forces(const SimSpec& spec);
+  void take_hand(const HandSpec& hand, const Vec3& start, bool follows_intent);
+  double longest_good_step(const std::string& model, bool by_matrices) const;
+
   using Advance = void (Plant::*)(double, const PlantInput&) noexcept;
   static Advance choose(Friction friction, bool structure, bool hand, bool by_matrices);
   template <Friction friction, bool structure, bool hand>
   void advance_as(double span, const PlantInput& input) noexcept;
   template <Friction friction, bool structure, bool hand>
   void advance_by_matrices(double span, const PlantInput& input) noexcept;
+  template <bool structure, bool hand>
+  struct Chains;
+  template <Friction friction, bool structure, bool hand>
+  void advance_chains(const LinearSteps& linear, const Vec3& on_motor, const Vec3& on_hand,
+                      Chains<structure, hand>& chains) noexcept;
+  template <bool structure, bool hand>
+  void end_step(Chains<structure, hand>& chains) noexcept;
 
   double steps_in(double span) const noexcept;
   Vec3 motor_force_over_step(const Vec3& command) noexcept;
