@@ -358,31 +358,49 @@ std::string spoiled_by(const std::vector<StoredEvent>& events, const RecordedTri
   return "";
 }
 
+/// Returns what all repetitions of a recording have in common.
+RecordedTrial common_part(const RecordingHeader& header, const RecordingColumns& columns, const std::string& file) {
+  const nlohmann::json& config = header.config;
+  RecordedTrial trial{.kind = kind_of(header, columns), .force_scale = configured(config, "force-scale", 1.0)};
+  // Without guidance there is no expert's force to feel, and none is missing.
+  if (configured<std::string>(config, "mode", "") == "free") trial.force_scale = 0;
+  if (configured<std::string>(config, "feel", "active") == "resist") trial.force_scale = -trial.force_scale;
+  if (trial.kind == TrialKind::reach) trial.reach = reach_trial_from(JsonReader(config["reach"], file + ": reach"));
+  if (config.is_object() && config.contains("sense"))
+    trial.sense = sense_pair_from(JsonReader(config["sense"], file + ": sense"));
+  if (const double force = configured(config, "support", 0.0); force > 0)
+    trial.support =
+        force * parse_vector(configured<std::string>(config, "up", "0,1,0"), "1", file + ": up").normalized();
+  return trial;
+}
+
+/// Adds a sample to a repetition. Throws Error(input) if it has too many.
+void add_sample(const Sample& sample, const RecordingColumns& columns, const std::string& file, RecordedTrial& trial) {
+  if (trial.time.size() >= kLongestTrial)
+    throw input_error(
+        fmt::format("{}: repetition {} has more than {} million samples, the limit of a report; cut out a part of "
+                    "it: haptrace convert {} --from 0 --to 3600 -o part.h5",
+                    file, trial.repetition, kLongestTrial / 1'000'000, file));
+  trial.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
+  trial.position.push_back(sample.position);
+  trial.force.push_back(sample.force);
+  if (columns.force_measured) trial.measured.push_back(sample.force_measured);
+  if (columns.reference) trial.reference.push_back(sample.reference_position);
+  if (columns.guidance) {
+    trial.expert.push_back(sample.reference_force);
+    trial.progress.push_back(sample.progress);
+  }
+  if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
+}
+
 }  // namespace
 
 std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std::string& file) {
-  const RecordingHeader header = reader.header();
   const RecordingColumns columns = reader.columns();
   std::uint64_t runs = 0;
   for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
-
-  double scale = configured(header.config, "force-scale", 1.0);
-  // Without guidance there is no expert's force to feel, and none is missing.
-  if (configured<std::string>(header.config, "mode", "") == "free") scale = 0;
-  if (configured<std::string>(header.config, "feel", "active") == "resist") scale = -scale;
-
-  std::optional<ReachTrial> reach;
-  if (kind_of(header, columns) == TrialKind::reach)
-    reach = reach_trial_from(JsonReader(header.config["reach"], file + ": reach"));
-
-  std::optional<SensePair> sense;
-  if (header.config.is_object() && header.config.contains("sense"))
-    sense = sense_pair_from(JsonReader(header.config["sense"], file + ": sense"));
-
-  Vec3 support = Vec3::Zero();
-  if (const double force = configured(header.config, "support", 0.0); force > 0)
-    support =
-        force * parse_vector(configured<std::string>(header.config, "up", "0,1,0"), "1", file + ": up").normalized();
+  const RecordedTrial common = common_part(reader.header(), columns, file);
+  const std::optional<ReachTrial>& reach = common.reach;
 
   std::vector<RecordedTrial> trials;
   // A reach whose cue never came has no rows.
@@ -396,30 +414,11 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
         continue;
       }
       if (!in_trial) {
-        trials.push_back({.kind = kind_of(header, columns),
-                          .repetition = static_cast<int>(trials.size()) + 1,
-                          .force_scale = scale,
-                          .reach = reach,
-                          .sense = sense,
-                          .support = support});
+        trials.push_back(common);
+        trials.back().repetition = static_cast<int>(trials.size());
         in_trial = true;
       }
-      RecordedTrial& trial = trials.back();
-      if (trial.time.size() >= kLongestTrial)
-        throw input_error(
-            fmt::format("{}: repetition {} has more than {} million samples, the limit of a report; cut out a part of "
-                        "it: haptrace convert {} --from 0 --to 3600 -o part.h5",
-                        file, trial.repetition, kLongestTrial / 1'000'000, file));
-      trial.time.push_back(1e-9 * static_cast<double>(sample.time_ns));
-      trial.position.push_back(sample.position);
-      trial.force.push_back(sample.force);
-      if (columns.force_measured) trial.measured.push_back(sample.force_measured);
-      if (columns.reference) trial.reference.push_back(sample.reference_position);
-      if (columns.guidance) {
-        trial.expert.push_back(sample.reference_force);
-        trial.progress.push_back(sample.progress);
-      }
-      if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
+      add_sample(sample, columns, file, trials.back());
     }
   if (reach &&
       (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press || reach->goal == ReachGoal::weigh)) {

@@ -466,6 +466,42 @@ void add_force_chart(pugi::xml_node parent, const ReportExercise& exercise) {
       keys);
 }
 
+namespace {
+
+/// Points of the practice curve or the straight line of a trend, in the unit of the chart.
+struct FittedLine {
+  std::vector<double> x, y;
+};
+
+/// Returns an empty line if the trend has no fit.
+FittedLine fitted_line(const ReportTrend& trend, double scale) {
+  FittedLine fitted;
+  constexpr int kSteps = 80;
+  for (int i = 0; (trend.curve || trend.line) && i <= kSteps; ++i) {
+    const double at = 1 + static_cast<double>(i) / kSteps * static_cast<double>(trend.values.size() - 1);
+    fitted.x.push_back(at);
+    fitted.y.push_back(scale * (trend.curve ? trend.curve->at(at) : trend.line->first + trend.line->slope * (at - 1)));
+  }
+  return fitted;
+}
+
+/// Describes a trend and its practice curve; empty without either.
+std::string caption_of(const ReportTrend& trend, const TrialFigure& figure) {
+  std::string text = in_words(trend);
+  if (trend.curve)
+    text += fmt::format("{}practice curve ({}): from {} towards {}, R² = {:.2f}", text.empty() ? "" : "; ",
+                        trend.curve->law == LearningLaw::power ? "power law" : "exponential",
+                        shown(figure, trend.curve->first), shown(figure, trend.curve->plateau), trend.curve->r_squared);
+  return text;
+}
+
+std::string capitalised(std::string title) {
+  title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
+  return title;
+}
+
+}  // namespace
+
 void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, const ReportTrend& trend) {
   const TrialFigure& figure_of = all_trial_figures()[trend.figure];
   const std::size_t n = trend.values.size();
@@ -477,15 +513,8 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
   }
   constexpr std::size_t kFewest = 4;  // points needed for a fit; the table shows fewer better
   if (defined < kFewest) return;
-  std::vector<double> x_fit, y_fit;
-  constexpr int kSteps = 80;
-  for (int i = 0; (trend.curve || trend.line) && i <= kSteps; ++i) {
-    const double at = 1 + static_cast<double>(i) / kSteps * static_cast<double>(n - 1);
-    x_fit.push_back(at);
-    y_fit.push_back(figure_of.scale *
-                    (trend.curve ? trend.curve->at(at) : trend.line->first + trend.line->slope * (at - 1)));
-    y.include(y_fit.back());
-  }
+  const FittedLine fit = fitted_line(trend, figure_of.scale);
+  for (const double v : fit.y) y.include(v);
   y = calm(y);
 
   const std::string unit = *figure_of.unit != '\0' ? fmt::format(" ({})", figure_of.unit) : "";
@@ -494,7 +523,7 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
   if (const std::string words = in_words(trend); !words.empty()) label += ": " + words;
   Plot plot(figure, label, kHeight, {0.5, static_cast<double>(n) + 0.5}, y);
   plot.axes("repetition", figure_of.title + unit, true);
-  if (!x_fit.empty()) plot.curve("fit", x_fit, y_fit);
+  if (!fit.x.empty()) plot.curve("fit", fit.x, fit.y);
   bool undefined = false;
   for (std::size_t i = 0; i < n; ++i) {
     const double number = static_cast<double>(i + 1);
@@ -512,20 +541,13 @@ void add_trend_chart(pugi::xml_node parent, const ReportExercise& exercise, cons
     }
   }
 
-  std::string text = in_words(trend);
-  if (trend.curve)
-    text += fmt::format("{}practice curve ({}): from {} towards {}, R² = {:.2f}", text.empty() ? "" : "; ",
-                        trend.curve->law == LearningLaw::power ? "power law" : "exponential",
-                        shown(figure_of, trend.curve->first), shown(figure_of, trend.curve->plateau),
-                        trend.curve->r_squared);
+  std::string text = caption_of(trend, figure_of);
   std::vector<std::pair<std::string, std::string>> keys;
-  if (!x_fit.empty()) keys.emplace_back("line fit", trend.curve ? "practice curve" : "straight line");
+  if (!fit.x.empty()) keys.emplace_back("line fit", trend.curve ? "practice curve" : "straight line");
   if (undefined) keys.emplace_back("cross", "undefined, or not finished");
-  std::string title = figure_of.title;
-  title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
   if (!text.empty()) text += ". Repetition spread; day-to-day error unknown.";
   text += fmt::format(" Filter: {}; {}.", figure_of.filter, samples_of(exercise));
-  add_caption(figure, title + ":", text, keys);
+  add_caption(figure, capitalised(figure_of.title) + ":", text, keys);
 }
 
 void add_course_chart(pugi::xml_node parent, const Report& report, const ReportCourse& course, std::size_t figure) {
@@ -581,9 +603,7 @@ void add_course_chart(pugi::xml_node parent, const Report& report, const ReportC
                 shown(of, fit->last - fit->first, false, true), shown(of, fit->half_width), fit->sessions)
           : fmt::format("no line below {} comparable sessions.", kFewestForLine);
   text += fmt::format(" Filter: {}.", of.filter);
-  std::string title = of.title;
-  title[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(title[0])));
-  add_caption(chart, title + " over sessions:", text, keys);
+  add_caption(chart, capitalised(of.title) + " over sessions:", text, keys);
 }
 
 }  // namespace haptrace

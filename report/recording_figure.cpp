@@ -279,6 +279,22 @@ class TurningLines {
   std::vector<TimeLine> rotation_, torque_;
 };
 
+/// Returns an empty line for each axis.
+std::vector<TimeLine> axis_lines(std::uint64_t rows) {
+  std::vector<TimeLine> lines;
+  for (std::size_t axis = 0; axis < 3; ++axis) lines.emplace_back(kAxisNames[axis], kAxisColors[axis], rows);
+  return lines;
+}
+
+std::string caption_of(const RecordingHeader& header, const RecordingSummary& summary, std::uint64_t rows) {
+  std::string caption = fmt::format("{} · {} samples in {:.2f} s at {:.1f} Hz, {} missed", header.device_name, rows,
+                                    summary.duration(), summary.mean_rate(), summary.missed);
+  if (summary.tracked > 0)
+    caption +=
+        fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error(), 1e3 * summary.peak_error());
+  return caption;
+}
+
 }  // namespace
 
 Figure figure_of(const RecordingReader& reader, const std::string& title,
@@ -286,18 +302,16 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
   constexpr std::uint64_t kBlock = 8192;  // rows
   const RecordingSummary summary = summarise(reader, progress);
   const std::uint64_t rows = reader.rows();
-  std::vector<TimeLine> upper, force;
   const bool tracked = summary.tracked > 0;
   SpaceLine path(tracked ? summary.run_rows : rows), reference(summary.run_rows);
-  if (tracked) {
+  std::vector<TimeLine> force = axis_lines(rows), upper;
+  if (tracked)
     upper.emplace_back("deviation", kBlue, rows);
-  } else {
-    for (std::size_t axis = 0; axis < 3; ++axis) upper.emplace_back(kAxisNames[axis], kAxisColors[axis], rows);
-  }
+  else
+    upper = axis_lines(rows);
   TurningLines turning(reader.columns(), rows);
   ContactLines contacts(reader);
   const bool sensed = reader.columns().force_measured && summary.max_force == 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) force.emplace_back(kAxisNames[axis], kAxisColors[axis], rows);
 
   std::vector<std::string_view> columns{"time", "position", "phase", sensed ? "force_measured" : "force"};
   if (tracked) columns.emplace_back("reference_position");
@@ -328,11 +342,7 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
   const RecordingHeader header = reader.header();
   Figure figure;
   figure.title = header.title.empty() ? title : header.title;
-  figure.caption = fmt::format("{} · {} samples in {:.2f} s at {:.1f} Hz, {} missed", header.device_name, rows,
-                               summary.duration(), summary.mean_rate(), summary.missed);
-  if (tracked)
-    figure.caption +=
-        fmt::format(" · rms error {:.3f} mm, peak {:.3f} mm", 1e3 * summary.rms_error(), 1e3 * summary.peak_error());
+  figure.caption = caption_of(header, summary, rows);
   figure.rows.push_back(
       space_panels(summary.bounds, path, tracked ? "played" : "recorded", reference, contacts.proxy()));
   Panel over_time = tracked ? time_panel("deviation from the reference", "deviation [mm]", upper, summary.duration())
@@ -348,8 +358,7 @@ Figure figure_of(const RecordingReader& reader, const std::string& title,
 
 Figure figure_of(const Path& path) {
   SpaceLine space(path.size());
-  std::vector<TimeLine> position, speed;
-  for (std::size_t axis = 0; axis < 3; ++axis) position.emplace_back(kAxisNames[axis], kAxisColors[axis], path.size());
+  std::vector<TimeLine> position = axis_lines(path.size()), speed;
   speed.emplace_back("", kBlue, path.size());
   for (std::size_t i = 0; i < path.size(); ++i) {
     const double t = path.time[i] - path.time.front();

@@ -329,13 +329,9 @@ std::optional<double> force_limit_of(const RecordingHeader& header) {
   return limit && *limit > 0 ? limit : std::nullopt;
 }
 
-ReportSession session_of_recording(const std::string& file) {
-  const RecordingReader reader(file);
-  const RecordingHeader header = reader.header();
-  const std::vector<RecordedTrial> recorded = read_trials(reader, file);
-  const std::vector<StoredEvent> events = reader.events();
-  const std::string name = fs::path(file).filename().string();
-
+/// Returns the facts of a recording, without its repetitions. `name`: that of its file.
+ReportSession facts_of(const RecordingReader& reader, const RecordingHeader& header, const std::string& file,
+                       const std::string& name) {
   ReportSession session{.source = file,
                         .title = header.title.empty() ? name : header.title,
                         .subject = header.subject,
@@ -353,10 +349,15 @@ ReportSession session_of_recording(const std::string& file) {
     mark_steered(session);
   if (!header.complete) session.remarks.push_back(name + " is incomplete; the report shows its stored samples");
   if (reader.rows() == 0) session.remarks.push_back(name + " contains no samples");
+  return session;
+}
 
+/// Returns the exercise of a recording with its repetitions, without figures and curves.
+ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const RecordingHeader& header,
+                           const std::string& title, const std::string& name) {
   const std::string expert = configured_text(header.config, "expert"),
                     path_name = configured_text(header.config, "path");
-  ReportExercise exercise{.name = session.title,
+  ReportExercise exercise{.name = title,
                           .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind, header.config),
                           .path = expert.empty() ? path_name : expert};
   const bool alone = exercise.mode == "free";
@@ -371,17 +372,35 @@ ReportSession session_of_recording(const std::string& file) {
                                .stiffness = guided ? configured_number(header.config, "stiffness") : std::nullopt,
                                .duration = one.time.back() - one.time.front()});
   }
-  tell_ends(exercise.trials, recorded, events, header.complete);
+  return exercise;
+}
 
-  // The repetitions share one path. The one that came farthest knows most of it.
+/// Returns the path that all repetitions share. The one that came farthest knows most of it.
+std::optional<DrawnPath> shared_path(const std::vector<RecordedTrial>& recorded,
+                                     const std::vector<ReportTrial>& trials) {
   std::optional<DrawnPath> drawn;
   for (const RecordedTrial& one : recorded)
     if (std::optional<TrialPath> path = path_of(one);
         path && (!drawn || path->curve.length() > drawn->path.curve.length()))
       drawn.emplace(std::move(*path));
   if (drawn)
-    drawn->path.whole = std::any_of(exercise.trials.begin(), exercise.trials.end(),
-                                    [](const ReportTrial& trial) { return trial.finished(); });
+    drawn->path.whole =
+        std::any_of(trials.begin(), trials.end(), [](const ReportTrial& trial) { return trial.finished(); });
+  return drawn;
+}
+
+ReportSession session_of_recording(const std::string& file) {
+  const RecordingReader reader(file);
+  const RecordingHeader header = reader.header();
+  const std::vector<RecordedTrial> recorded = read_trials(reader, file);
+  const std::vector<StoredEvent> events = reader.events();
+  const std::string name = fs::path(file).filename().string();
+
+  ReportSession session = facts_of(reader, header, file, name);
+  ReportExercise exercise = exercise_of(recorded, header, session.title, name);
+  tell_ends(exercise.trials, recorded, events, header.complete);
+
+  const std::optional<DrawnPath> drawn = shared_path(recorded, exercise.trials);
   const double scale = recorded.empty() ? 1 : recorded.back().force_scale;
   add_path(exercise, drawn, scale);
   for (std::size_t i = 0; i < recorded.size(); ++i) {
