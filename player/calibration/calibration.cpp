@@ -758,80 +758,175 @@ void end_early(StopCause cause, const std::string& reason, CalibrationResult& re
   result.held.reset();
 }
 
-/// Tries the laws at the centre and at `places`, which the device reached before, and notes what came of it. A law that
-/// fails is designed again for a mass that differs more; if that fails too, the softer ones are tried. Returns false if
-/// the user or the device ended it.
-bool try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
-              const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
-              CalibrationResult& result) {
-  constexpr double kMostRipple = 0.04;  // share of the largest force
-  constexpr double kStiffMargin = 1.2;  // of stiff PD control on the free device
-  WorkspaceTour tour{.places = {plan.centre},
-                     .radius = trial_radius(plan),
-                     .speed = plan.max_speed,
-                     .max_deviation = plan.max_deviation,
-                     .session = options.session};
-  const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
-  for (const ExperimentPlace& place : places)
-    if (std::ranges::find(farthest, place.position) != farthest.end()) tour.places.push_back(place.position);
-  tour.session.loop.limits.max_force = plan.max_force;
-  const auto ended = [&](const TourResult& toured) {
+/// Tries the laws at the centre and at places that the device reached before, and notes in the result what came of it.
+class LawTrials {
+ public:
+  /// Borrows everything but the places.
+  LawTrials(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
+            const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
+            CalibrationResult& result)
+      : device_(device),
+        plan_(plan),
+        options_(options),
+        stop_(stop),
+        progress_(progress),
+        result_(result),
+        tour_{.places = {plan.centre},
+              .radius = trial_radius(plan),
+              .speed = plan.max_speed,
+              .max_deviation = plan.max_deviation,
+              .session = options.session},
+        most_ripple_(kMostRipple * plan.device_force) {
+    const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
+    for (const ExperimentPlace& place : places)
+      if (std::ranges::find(farthest, place.position) != farthest.end()) tour_.places.push_back(place.position);
+    tour_.session.loop.limits.max_force = plan.max_force;
+  }
+
+  /// A law that fails is designed again for a mass that differs more; if that fails too, the softer ones are tried.
+  /// Returns early if the user or the device ends it.
+  void run() {
+    if (!try_plain() || !judge_firmness(Firmness::normal)) return;
+    if (is_refused(Firmness::normal) && !result_.held->one_mass) {
+      result_.held->one_mass = true;
+      if (!design_laws(*result_.held, plan_.rate_hz, stop_, options_.searching))
+        return end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
+      if (!judge_firmness(Firmness::normal)) return;
+    }
+    const bool refused = is_refused(Firmness::normal);
+    if ((refused || options_.full) && !judge_firmness(Firmness::quiet)) return;
+    if (options_.full && !judge_firmness(Firmness::exact)) return;
+    if (!refused || !is_refused(Firmness::quiet)) return;
+    law_.law = TrackingLaw::observer;
+    law_.firmness.reset();
+    (void)judge(result_.design->ripple, result_.held->observer);
+  }
+
+ private:
+  static constexpr double kMostRipple = 0.04;  ///< share of the largest force
+  static constexpr double kStiffMargin = 1.2;  ///< of stiff PD control on the free device
+
+  [[nodiscard]] TourResult tried() {
+    law_.identified = result_.identified();
+    return toured(device_, law_, tour_, stop_, progress_);
+  }
+
+  /// Returns true if the user or the device ended the tour, and then ends the calibration.
+  [[nodiscard]] bool ended(const TourResult& toured) {
     const StopCause cause = toured.session.servo.cause;
     if (cause != StopCause::interrupted && cause != StopCause::device_lost) return false;
-    end_early(cause, "the trial of the laws ended early: " + toured.session.servo.detail, result);
+    end_early(cause, "the trial of the laws ended early: " + toured.session.servo.detail, result_);
     return true;
-  };
-  PlayOptions law;
-  const auto tried = [&] {
-    law.identified = result.identified();
-    return toured(device, law, tour, stop, progress);
-  };
-  // No law may be worse than stiff PD control, if the device stays stable under it.
-  const double most_ripple = kMostRipple * plan.device_force;
-  law.compensations = {};
-  std::optional<TourResult> plain;
-  if (is_stable(result.identification.plant, stiff_gains(), kStiffMargin, plan.rate_hz)) {
-    const PdGains designed = std::exchange(result.design->plain, stiff_gains());
-    plain = tried();
-    if (ended(*plain)) return false;
-    if (!plain->finished() || plain->oscillations > 0 || std::ranges::max(plain->ripple) > most_ripple) {
-      result.design->plain = designed;
-      plain.reset();
-    }
   }
-  if (!plain) plain = tried();
-  if (ended(*plain)) return false;
-  law.compensations = PlayOptions{}.compensations;
 
-  const auto judge = [&](double predicted_ripple, LawVerdict& verdict) {
+  /// Tries plain PD control, with which the laws are compared. No law may be worse than stiff PD control, if the device
+  /// stays stable under it. Returns false if the user or the device ended it.
+  [[nodiscard]] bool try_plain() {
+    law_.compensations = {};
+    std::optional<TourResult> plain;
+    if (is_stable(result_.identification.plant, stiff_gains(), kStiffMargin, plan_.rate_hz)) {
+      const PdGains designed = std::exchange(result_.design->plain, stiff_gains());
+      plain = tried();
+      if (ended(*plain)) return false;
+      if (!plain->finished() || plain->oscillations > 0 || std::ranges::max(plain->ripple) > most_ripple_) {
+        result_.design->plain = designed;
+        plain.reset();
+      }
+    }
+    if (!plain) plain = tried();
+    if (ended(*plain)) return false;
+    plain_ = std::move(*plain);
+    law_.compensations = PlayOptions{}.compensations;
+    return true;
+  }
+
+  /// Tries the law and sets its verdict. Returns false if the user or the device ended it.
+  [[nodiscard]] bool judge(double predicted_ripple, LawVerdict& verdict) {
     const TourResult toured = tried();
     if (ended(toured)) return false;
     verdict = {.tried = true,
-               .improvement = plain->finished() && toured.finished() ? least_improvement(toured, *plain) : 0,
-               .refused = refusal_of(toured, *plain, tour, std::max(2 * predicted_ripple, most_ripple))};
+               .improvement = plain_.finished() && toured.finished() ? least_improvement(toured, plain_) : 0,
+               .refused = refusal_of(toured, plain_, tour_, std::max(2 * predicted_ripple, most_ripple_))};
     return true;
-  };
-  const auto judge_firmness = [&](Firmness firmness) {
-    law.law = TrackingLaw::lqg;
-    law.firmness = firmness;
-    return judge(result.held->design(firmness).figures.ripple, result.held->design(firmness).verdict);
-  };
-  if (!judge_firmness(Firmness::normal)) return false;
-  if (!result.held->design(Firmness::normal).verdict.refused.empty() && !result.held->one_mass) {
-    result.held->one_mass = true;
-    if (!design_laws(*result.held, plan.rate_hz, stop, options.searching)) {
-      end_early(StopCause::interrupted, "interrupted while laws were searched", result);
-      return false;
-    }
-    if (!judge_firmness(Firmness::normal)) return false;
   }
-  const bool refused = !result.held->design(Firmness::normal).verdict.refused.empty();
-  if ((refused || options.full) && !judge_firmness(Firmness::quiet)) return false;
-  if (options.full && !judge_firmness(Firmness::exact)) return false;
-  if (!refused || result.held->design(Firmness::quiet).verdict.refused.empty()) return true;
-  law.law = TrackingLaw::observer;
-  law.firmness.reset();
-  return judge(result.design->ripple, result.held->observer);
+
+  /// Judges the LQG law of this firmness, as judge() does.
+  [[nodiscard]] bool judge_firmness(Firmness firmness) {
+    law_.law = TrackingLaw::lqg;
+    law_.firmness = firmness;
+    LqgDesign& design = result_.held->design(firmness);
+    return judge(design.figures.ripple, design.verdict);
+  }
+
+  [[nodiscard]] bool is_refused(Firmness firmness) const {
+    return !result_.held->design(firmness).verdict.refused.empty();
+  }
+
+  Device& device_;
+  const CalibrationPlan& plan_;
+  const CalibrationOptions& options_;
+  const StopRequest& stop_;
+  const Progress& progress_;
+  CalibrationResult& result_;
+  WorkspaceTour tour_;
+  double most_ripple_;  ///< [N]
+  PlayOptions law_;
+  TourResult plain_;  ///< of plain PD control
+};
+
+/// Returns half of the width of the workspace along an axis [m].
+double half_width(const DeviceInfo& device, int axis) {
+  return 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
+}
+
+/// Sets the centre and the reach along every axis of the plan. Throws Error(input) if the workspace is too small.
+void set_reach(const DeviceInfo& device, CalibrationPlan& plan) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
+    const double room = half_width(device, axis);
+    plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
+    plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
+    if (!(plan.reach[axis] >= kSmallestReach))
+      throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: calibration needs at least {:.0f} mm",
+                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
+  }
+}
+
+/// Adds the places around the centre, first the nearer and then the farthest ones.
+void add_places(const DeviceInfo& device, CalibrationPlan& plan) {
+  // Opposite places of an axis are not visited one after the other.
+  std::vector<Vec3> farthest;
+  for (const double side : {1.0, -1.0})
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
+      if (const double off = std::min(kPlaceShare * half_width(device, axis), kFarthestPlace); off > plan.reach[axis])
+        farthest.push_back(plan.centre + side * off * Vec3::Unit(axis));
+    }
+  // Places half as far away show how the mass goes there, and what to expect beyond. One along each axis is enough.
+  for (const Vec3& place : farthest) {
+    const Vec3 half = 0.5 * (place - plan.centre);
+    Eigen::Index axis = 0;
+    if (const double off = half.cwiseAbs().maxCoeff(&axis); off > plan.reach[axis] && (half[axis] > 0) == (axis != 1))
+      plan.places.push_back(plan.centre + half);
+  }
+  plan.nearer_places = plan.places.size();
+  plan.places.insert(plan.places.end(), farthest.begin(), farthest.end());
+}
+
+/// Returns the duration of the planned session [s].
+double planned_duration(const CalibrationPlan& plan) {
+  const auto axes = static_cast<int>(std::ranges::count(plan.axes, true));
+  const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
+  double duration =
+      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
+  Vec3 from = plan.centre;
+  for (const Vec3& place : plan.places) {
+    duration += Approach(from, place, plan.approach_speed, kShortestApproach).duration() + kSettle +
+                plan.dither.period() + kBlend;
+    from = place;
+  }
+  if (!plan.places.empty()) duration += Approach(from, plan.centre, plan.approach_speed, kShortestApproach).duration();
+  return duration;
 }
 
 }  // namespace
@@ -864,53 +959,111 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
       .device_force = force,
       .max_dither = std::min({kMostDither * force, kDitherOfForce * most, kLargestDither}),
       .dither = Multisine(kLowestLine, highest, highest < kHighestLine ? kLongPeriod : kPeriod, device.force_axes)};
-  int axes = 0;
-  double smallest = kLargestReach;
-  for (int axis = 0; axis < 3; ++axis) {
-    if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
-    ++axes;
-    const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
-    plan.centre[axis] = 0.5 * (device.workspace_max[axis] + device.workspace_min[axis]);
-    plan.reach[axis] = std::min(kLargestReach, 0.4 * room);
-    if (!(plan.reach[axis] >= kSmallestReach))
-      throw input_error(fmt::format("the workspace of {} is {:.1f} mm wide in {}: calibration needs at least {:.0f} mm",
-                                    device.name, 2e3 * room, "xyz"[axis], 2e3 * kSmallestReach / 0.4));
-    smallest = std::min(smallest, room);
-  }
-  // Opposite places of an axis are not visited one after the other.
-  std::vector<Vec3> farthest;
-  if (options.places)
-    for (const double side : {1.0, -1.0})
-      for (int axis = 0; axis < 3; ++axis) {
-        if (!plan.axes[static_cast<std::size_t>(axis)]) continue;
-        const double room = 0.5 * (device.workspace_max[axis] - device.workspace_min[axis]);
-        if (const double off = std::min(kPlaceShare * room, kFarthestPlace); off > plan.reach[axis])
-          farthest.push_back(plan.centre + side * off * Vec3::Unit(axis));
-      }
-  // Places half as far away show how the mass goes there, and what to expect beyond. One along each axis is enough.
-  for (const Vec3& place : farthest) {
-    const Vec3 half = 0.5 * (place - plan.centre);
-    Eigen::Index axis = 0;
-    if (const double off = half.cwiseAbs().maxCoeff(&axis); off > plan.reach[axis] && (half[axis] > 0) == (axis != 1))
-      plan.places.push_back(plan.centre + half);
-  }
-  plan.nearer_places = plan.places.size();
-  plan.places.insert(plan.places.end(), farthest.begin(), farthest.end());
+  set_reach(device, plan);
+  if (options.places) add_places(device, plan);
   plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
-  const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  plan.duration =
-      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
-  Vec3 from = plan.centre;
-  for (const Vec3& place : plan.places) {
-    plan.duration += Approach(from, place, plan.approach_speed, kShortestApproach).duration() + kSettle +
-                     plan.dither.period() + kBlend;
-    from = place;
-  }
-  if (!plan.places.empty())
-    plan.duration += Approach(from, plan.centre, plan.approach_speed, kShortestApproach).duration();
+  plan.duration = planned_duration(plan);
   return plan;
 }
+
+namespace {
+
+/// One calibration of a device: its sessions, and what they yield.
+class CalibrationRun {
+ public:
+  /// Borrows everything. Throws what plan_calibration throws.
+  CalibrationRun(Device& device, const CalibrationOptions& options, const StopRequest& stop, const Progress& progress)
+      : device_(device),
+        options_(options),
+        stop_(stop),
+        progress_(progress),
+        plan_(plan_calibration(device.info(), options)) {}
+
+  CalibrationResult run() {
+    CalibrationController controller(plan_);
+    CalibrationLog log(controller, rows());
+    if (measured(controller, log, options_.session)) {
+      result_.identification = identify(log.experiment(plan_));
+      if (result_.identification.fits) {
+        design(log.experiment(plan_));
+        return std::move(result_);
+      }
+      result_.doubt = result_.identification.reason;
+      result_.identification = identify_coarsely(log.experiment(plan_));
+    } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
+      return std::move(result_);
+    }
+    if (result_.identification.fits)
+      try_designs(device_, plan_, options_.session, stop_, progress_, result_);
+    else
+      result_.reason = result_.doubt + "; " + result_.identification.reason;
+    return std::move(result_);
+  }
+
+ private:
+  /// Returns the number of rows to keep of a session.
+  [[nodiscard]] std::size_t rows() const {
+    constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
+    return static_cast<std::size_t>((plan_.duration + kSpare) * plan_.rate_hz);
+  }
+
+  /// Runs a session. Returns true if it came to its end.
+  [[nodiscard]] bool measured(CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {
+    SampleSink* const sinks[] = {&log};
+    result_.session = run_session(device_, controller, {.reference = true}, sinks, session, stop_, progress_);
+    result_.reason = result_.session.servo.cause != StopCause::finished
+                         ? reason_of(controller, result_.session, position_quantum(log.whole(plan_).rows))
+                         : std::string();
+    return result_.reason.empty();
+  }
+
+  /// Designs the laws for a full model, and tries them.
+  void design(const Experiment& experiment) {
+    result_.design =
+        design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
+    if (!options_.laws) return;
+    HeldDevice held = held_device(result_.identification, identify_held(experiment, result_.identification),
+                                  plan_.rate_hz, plan_.device_force);
+    held.inertia = identify_inertia(experiment, result_.identification);
+    held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
+    if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))
+      return end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
+    result_.held.emplace(std::move(held));
+    if (options_.places) LawTrials(device_, plan_, experiment.places, options_, stop_, progress_, result_).run();
+  }
+
+  /// Runs a gentler session, with the mass that the `first` one showed before it ended early, and makes a coarse model
+  /// of it. Returns false if there is none.
+  [[nodiscard]] bool measured_again(const Experiment& first) {
+    const Identification seen = identify_coarsely(first);
+    if (!seen.fits || seen.line_residual > kMostUnseen) return false;
+    result_.doubt = fmt::format("the device has a mass of about {:.2f} kg and could not be excited: {}",
+                                seen.plant.mass.maxCoeff(), result_.reason);
+    SessionOptions gentle = options_.session;
+    if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
+    gentle.recording.reset();
+    SessionResult before = std::move(result_.session);
+    CalibrationController controller(plan_, seen.plant.mass);
+    CalibrationLog log(controller, rows());
+    const bool finished = measured(controller, log, gentle);
+    result_.session.recording = before.recording;
+    result_.session.recording_error = std::move(before.recording_error);
+    std::vector<Warning>& warnings = result_.session.warnings;
+    warnings.insert(warnings.begin(), before.warnings.begin(), before.warnings.end());
+    if (finished) result_.identification = identify_coarsely(log.experiment(plan_));
+    return finished;
+  }
+
+  Device& device_;
+  const CalibrationOptions& options_;
+  const StopRequest& stop_;
+  const Progress& progress_;
+  const CalibrationPlan plan_;
+  CalibrationResult result_;
+};
+
+}  // namespace
 
 CalibrationResult calibrate(Device& device, const CalibrationOptions& given, const StopRequest& stop,
                             const Progress& progress) {
@@ -918,67 +1071,7 @@ CalibrationResult calibrate(Device& device, const CalibrationOptions& given, con
   CalibrationOptions options = given;
   MotorHeat motors;
   if (options.session.loop.motors == nullptr) options.session.loop.motors = &motors;
-  const CalibrationPlan plan = plan_calibration(device.info(), options);
-  constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
-  const auto rows = static_cast<std::size_t>((plan.duration + kSpare) * plan.rate_hz);
-  CalibrationResult result;
-  const auto run = [&](CalibrationController& controller, CalibrationLog& log, const SessionOptions& session) {
-    SampleSink* const sinks[] = {&log};
-    result.session = run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
-    result.reason = result.session.servo.cause != StopCause::finished
-                        ? reason_of(controller, result.session, position_quantum(log.whole(plan).rows))
-                        : std::string();
-    return result.reason.empty();
-  };
-
-  CalibrationController controller(plan);
-  CalibrationLog log(controller, rows);
-  if (run(controller, log, options.session)) {
-    result.identification = identify(log.experiment(plan));
-    if (result.identification.fits) {
-      result.design =
-          design_tracking(result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force});
-      if (!options.laws) return result;
-      const Experiment experiment = log.experiment(plan);
-      HeldDevice held = held_device(result.identification, identify_held(experiment, result.identification),
-                                    plan.rate_hz, plan.device_force);
-      held.inertia = identify_inertia(experiment, result.identification);
-      held.one_mass = plan.places.empty() || experiment.places.size() < plan.places.size();
-      if (!design_laws(held, plan.rate_hz, stop, options.searching)) {
-        end_early(StopCause::interrupted, "interrupted while laws were searched", result);
-        return result;
-      }
-      result.held.emplace(std::move(held));
-      if (options.places) (void)try_laws(device, plan, experiment.places, options, stop, progress, result);
-      return result;
-    }
-    result.doubt = result.identification.reason;
-    result.identification = identify_coarsely(log.experiment(plan));
-  } else {
-    if (controller.verdict() == CalibrationController::Verdict::none) return result;
-    const Identification seen = identify_coarsely(log.whole(plan));
-    if (!seen.fits || seen.line_residual > kMostUnseen) return result;
-    result.doubt = fmt::format("the device has a mass of about {:.2f} kg and could not be excited: {}",
-                               seen.plant.mass.maxCoeff(), result.reason);
-    SessionOptions gentle = options.session;
-    if (seen.plant.mass.maxCoeff() > kHeavy) gentle.velocity = kGentleVelocity;
-    gentle.recording.reset();
-    SessionResult first = std::move(result.session);
-    CalibrationController again(plan, seen.plant.mass);
-    CalibrationLog second(again, rows);
-    const bool finished = run(again, second, gentle);
-    result.session.recording = first.recording;
-    result.session.recording_error = std::move(first.recording_error);
-    std::vector<Warning>& warnings = result.session.warnings;
-    warnings.insert(warnings.begin(), first.warnings.begin(), first.warnings.end());
-    if (!finished) return result;
-    result.identification = identify_coarsely(second.experiment(plan));
-  }
-  if (result.identification.fits)
-    try_designs(device, plan, options.session, stop, progress, result);
-  else
-    result.reason = result.doubt + "; " + result.identification.reason;
-  return result;
+  return CalibrationRun(device, options, stop, progress).run();
 }
 
 }  // namespace haptrace
