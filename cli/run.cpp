@@ -400,6 +400,15 @@ std::string session_folder(const RunArguments& arguments) {
   return fs::path(arguments.programme).replace_extension().string() + "-session";
 }
 
+/// Returns the plan of a new session after printing its notes. Without a device, its workspace is unknown.
+ProgrammePlan noted_plan(const RunArguments& arguments, const Programme& programme,
+                         const std::optional<DeviceInfo>& device, const Output& output) {
+  ProgrammePlan plan = plan_programme(programme, folder_of(arguments.programme), arguments.programme,
+                                      device ? &*device : nullptr, arguments.fit);
+  for (const std::string& note : plan.notes) output.remark(note);
+  return plan;
+}
+
 /// Prints the notes of the device, and a warning if its time does not wait for answers to the programme's questions.
 void note_device(const RunArguments& arguments, const Programme& programme, const DeviceInfo& device,
                  const Output& output) {
@@ -448,10 +457,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   std::optional<DeviceInfo> device;
   if (!arguments.session.device.empty()) device = devices.info();
   std::optional<ProgrammePlan> plan;
-  if (!resumes) {
-    plan = plan_programme(programme, folder_of(arguments.programme), where, device ? &*device : nullptr, arguments.fit);
-    for (const std::string& note : plan->notes) output.remark(note);
-  }
+  if (!resumes) plan = noted_plan(arguments, programme, device, output);
   if (arguments.dry_run) {
     output.tell(to_json(*plan, programme), plan_text(programme, *plan));
     return kDone;
