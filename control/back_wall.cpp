@@ -7,8 +7,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kSettling = 0.05;  // in which the foot finds the hand; nothing is an onset [s]
-constexpr double kAtStop = 1e-3;    // [m]
+constexpr double kAtStop = 1e-3;  // [m]
 
 }  // namespace
 
@@ -48,8 +47,8 @@ void BackWall::find_stops() {
 void BackWall::begin() noexcept {
   next_ = 1;
   waits_ = true;
-  pushes_ = pushed_ = begun_ = false;
-  waited_ = fast_for_ = from_ = time_ = place_ = push_ = 0;
+  pushes_ = pushed_ = begun_ = settled_ = false;
+  waited_ = fast_for_ = still_for_ = from_ = time_ = place_ = push_ = 0;
   force_ = acted_ = Vec3::Zero();
   initiation_ = {};
 }
@@ -58,6 +57,20 @@ bool BackWall::moves(const PathProjection::Foot& foot, double dt) noexcept {
   if (foot.s < stop().s - kAtStop) return false;
   fast_for_ = foot.speed > kOnsetSpeed ? fast_for_ + dt : 0;
   return fast_for_ >= kOnsetTime || foot.s - from_ > kOnsetWay;
+}
+
+bool BackWall::settles(const PathProjection::Foot& foot, double dt) noexcept {
+  const bool fast = foot.speed > kOnsetSpeed;
+  still_for_ = fast ? 0 : still_for_ + dt;
+  fast_for_ = fast ? fast_for_ + dt : 0;
+  if (still_for_ >= kComesToRest) {
+    from_ = foot.s;
+    return true;
+  }
+  if (initiation_.waited < kRecoils && foot.s <= kRecoilWay) return false;
+  // A hand that has been under way since then left by itself, when it began to.
+  if (fast) initiation_.waited -= fast_for_;
+  return true;
 }
 
 void BackWall::travel(double reach, double dt) noexcept {
@@ -79,15 +92,11 @@ void BackWall::update(const PathProjection::Foot& foot, const Vec3& position, do
   position_ = position;
   begun_ = true;
 
+  waited_ += dt;
   if (initiation_.initiator == Initiator::none) {
     initiation_.waited += dt;
-    if (initiation_.waited < kSettling) {
-      from_ = foot.s;
-      waited_ += dt;
-      return;
-    }
+    if (!settled_ && !(settled_ = settles(foot, dt))) return;
   }
-  waited_ += dt;
   const bool first = initiation_.initiator == Initiator::none;
   const bool moved = (waits_ || first) && moves(foot, dt);
   if (first && moved) initiation_.initiator = pushed_ ? Initiator::helped : Initiator::self;

@@ -22,6 +22,10 @@ namespace haptrace {
 /// or came kOnsetWay beyond the place. From there, s_b passes through the expert's places in the expert's time, times
 /// the pace. It stays within f_max / k of the hand: else the push would last beyond the hand's next movement.
 ///
+/// When the force of the approach goes, an arm gives way by up to 20 mm without any intention. Such a recoil is no
+/// start: it comes to rest, for kComesToRest, within kRecoils and kRecoilWay, and the place where it ends is the one
+/// from which the trainee leaves. A hand that is still under way then has left when it began to move.
+///
 /// A trainee who starts in time and is as fast as the wall feels exactly no force. The work is that of the commanded
 /// force; it does not account for the device's delay.
 ///
@@ -32,6 +36,9 @@ class BackWall final : public GuideTerm {
   static constexpr double kOnsetTime = 0.06;     ///< three times the window of the measured speed [s]
   static constexpr double kOnsetWay = 5e-3;      ///< [m]
   static constexpr double kShortestStop = 0.25;  ///< shorter stops of the expert do not count [s]
+  static constexpr double kComesToRest = 0.1;    ///< [s]
+  static constexpr double kRecoils = 0.8;        ///< longest recoil from the beginning of a repetition [s]
+  static constexpr double kRecoilWay = 0.03;     ///< farthest [m]
 
   static constexpr double kRelease = 0.2;  ///< [s]
 
@@ -66,6 +73,8 @@ class BackWall final : public GuideTerm {
   };
   void find_stops();
   [[nodiscard]] const Stop& stop() const noexcept { return stops_[next_ - 1]; }
+  /// Returns true as soon as the hand's recoil is over.
+  bool settles(const PathProjection::Foot& foot, double dt) noexcept;
   /// Returns true while the hand is under way from the last stop.
   bool moves(const PathProjection::Foot& foot, double dt) noexcept;
   void travel(double reach, double dt) noexcept;
@@ -75,7 +84,9 @@ class BackWall final : public GuideTerm {
   std::vector<Stop> stops_;  ///< the first one is the start
   std::size_t next_ = 1;     ///< next stop
   bool waits_ = true, pushes_ = false, pushed_ = false;
+  bool settled_ = false;              ///< the recoil after the approach is over
   double waited_ = 0, fast_for_ = 0;  ///< at the last stop [s]
+  double still_for_ = 0;              ///< before the recoil is over [s]
   double from_ = 0;                   ///< place of the hand from which its progress counts [m]
   double time_ = 0;                   ///< the expert's, at the wall [s]
   double place_ = 0, push_ = 0;       ///< s_b [m], f [N]

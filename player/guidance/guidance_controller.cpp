@@ -58,10 +58,13 @@ void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phases_.begin_approach(from, path_->position_at(0));
 }
 
+bool GuidanceController::at_end() const noexcept {
+  return path_->length() - tracker_.foot().s <= std::min(kArrived, 0.05 * path_->length());
+}
+
 bool GuidanceController::arrived() const noexcept {
-  const double left = path_->length() - tracker_.foot().s;
-  if (options_.cursor) return left <= 0;
-  return left <= std::min(kArrived, 0.05 * path_->length()) && tracker_.foot().certainty > 0;
+  if (options_.cursor) return tracker_.foot().s >= path_->length();
+  return at_end() && tracker_.foot().certainty > 0 && walked_length_ >= kWalked * path_->length();
 }
 
 bool GuidanceController::may_begin(const Vec3& position) const noexcept {
@@ -122,6 +125,8 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
       phases_.end_approach();
       cursor_time_ = RunningTime();
       tracker_.start();
+      walked_.clear();
+      walked_length_ = 0;
       guidance_.begin();
       if (wall_ != nullptr) wall_->begin();
       command.event = phases_.repetition_event();
@@ -129,8 +134,10 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
     case Phase::run: {
       const bool over = options_.time_limit > 0 && phases_.elapsed() >= options_.time_limit;
       if (!over && !arrived()) return;
-      if (!arrived())
-        command.event = Event{.code = EventCode::time_over, .values = {tracker_.foot().s, path_->length(), kNaN}};
+      if (!arrived()) {
+        const double came = at_end() && !options_.cursor ? walked_length_ : tracker_.foot().s;
+        command.event = Event{.code = EventCode::time_over, .values = {came, path_->length(), kNaN}};
+      }
       phases_.begin_hold();
       return;
     }
@@ -155,7 +162,12 @@ const PathProjection::Foot& GuidanceController::follow(const State& state) noexc
   if (phases_.phase() != Phase::run || paused_)
     return options_.cursor ? tracker_.move_to(tracker_.foot().s, state.position, state.dt)
                            : tracker_.hold(state.position, state.dt);
-  if (!options_.cursor) return tracker_.update(state.position, state.dt);
+  if (!options_.cursor) {
+    const double before = tracker_.foot().s;
+    const PathProjection::Foot& foot = tracker_.update(state.position, state.dt);
+    if (!foot.relocated) walked_length_ += walked_.add(before, foot.s);
+    return foot;
+  }
   const bool waits = options_.wait > 0 && tracker_.foot().distance > options_.wait;
   const double pace = pace_.advance(waits ? 0 : 1, state.dt, kCursorPause);
   cursor_time_ = cursor_time_.after(pace * options_.speed * std::min(state.dt, kLongestCursorStep / options_.rate_hz));

@@ -10,6 +10,7 @@
 #include "control/limits.h"
 #include "control/path/place_tracker.h"
 #include "control/pd.h"
+#include "control/walked_set.h"
 #include "player/repetition_phases.h"
 #include "player/tuning/session_requests.h"
 
@@ -32,14 +33,16 @@ struct GuidePlan;
 /// Between the PD law and Guidance the forces blend over kBlend. The reference is the trainee's place on the path (or
 /// the cursor), with the expert's velocity and force there.
 ///
-/// The end of the path counts only while the place is not in full doubt. Events report a place that is in doubt and an
-/// energy tank that is empty for long.
+/// The end of the path counts only while the place is not in full doubt, and for a trainee who walked at least kWalked
+/// of the path: where a path ends near its start, a hand that trembles there is near the end, too. Events report a
+/// place that is in doubt and an energy tank that is empty for long.
 ///
 /// The servo loop softens walls that make it vibrate (ForceGuard).
 class GuidanceController final : public Controller {
  public:
   static constexpr double kBlend = 0.3;     ///< [s]
   static constexpr double kArrived = 2e-3;  ///< [m]
+  static constexpr double kWalked = 0.25;   ///< share of the path; a trainee may leave out the rest
   static constexpr double kDoubtLasts = 1;  ///< an event reports a doubt that lasts so long, ...
   static constexpr double kEmptyLasts = 2;  ///< ... and so long an empty tank [s]
   /// Share of the active forces below which the place counts as in doubt, and the tank as empty.
@@ -86,6 +89,8 @@ class GuidanceController final : public Controller {
   /// Updates and returns the place of the trainee or the cursor on the path.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
+  /// Returns true if the place is at the end of the path, whatever the trainee walked.
+  [[nodiscard]] bool at_end() const noexcept;
   /// Returns true when the run may begin: always if a force led the trainee, else near the start or after the time
   /// limit.
   [[nodiscard]] bool may_begin(const Vec3& position) const noexcept;
@@ -111,6 +116,8 @@ class GuidanceController final : public Controller {
   bool paused_ = false;
   BackWall* wall_ = nullptr;  ///< owned by guidance_
   bool ran_ = false;          ///< a run's initiation has not been reported
+  WalkedSet walked_;          ///< in this run
+  double walked_length_ = 0;  ///< of it [m]
 
   /// A state that may last.
   struct Lasting {

@@ -173,6 +173,7 @@ class GuideMetrics final : public SampleSink {
   }
 
   void push(const Event& event) noexcept override {
+    if (event.code == EventCode::time_over) sums_.back().came = event.values[0];
     if (event.code == EventCode::initiation)
       sums_.back().initiation = Initiation{static_cast<Initiator>(event.values[0]), event.values[1], event.values[2]};
     if (event.code != EventCode::repetition) return;
@@ -186,11 +187,13 @@ class GuideMetrics final : public SampleSink {
     std::vector<GuideFigures> all;
     for (std::size_t i = 0; i < tracking.size() && i < sums_.size(); ++i) {
       const Sums& sums = sums_[i];
-      GuideFigures figures{.tracking = tracking[i],
-                           .progress = sums.progress,
-                           .partial = sums.progress < length_ - std::min(GuidanceController::kArrived, 0.05 * length_),
-                           .initiation = sums.initiation};
-      if (length_ > 0) figures.completion = std::min(sums.progress / length_, 1.0);
+      const double progress = sums.came ? std::min(sums.progress, *sums.came) : sums.progress;
+      GuideFigures figures{
+          .tracking = tracking[i],
+          .progress = progress,
+          .partial = sums.came || progress < length_ - std::min(GuidanceController::kArrived, 0.05 * length_),
+          .initiation = sums.initiation};
+      if (length_ > 0) figures.completion = std::min(progress / length_, 1.0);
       if (tunnel_ && sums.samples > 0)
         figures.time_in_tunnel = static_cast<double>(sums.inside) / static_cast<double>(sums.samples);
       if (forces_ && sums.inside > 0)
@@ -204,6 +207,7 @@ class GuideMetrics final : public SampleSink {
   struct Sums {
     std::uint64_t samples = 0, inside = 0;
     double progress = 0, force_error2 = 0;
+    std::optional<double> came;  ///< how far, in a repetition whose time is over [m]
     std::optional<Initiation> initiation;
   };
 
