@@ -61,7 +61,7 @@ bool BackWall::moves(const PathProjection::Foot& foot, double dt) noexcept {
 
 bool BackWall::settles(const PathProjection::Foot& foot, double dt) noexcept {
   const bool fast = foot.speed > kOnsetSpeed;
-  still_for_ = fast ? 0 : still_for_ + dt;
+  still_for_ = fast || initiation_.waited < kForceGoes ? 0 : still_for_ + dt;
   fast_for_ = fast ? fast_for_ + dt : 0;
   if (still_for_ >= kComesToRest) {
     from_ = foot.s;
