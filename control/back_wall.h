@@ -22,9 +22,9 @@ namespace haptrace {
 /// or came kOnsetWay beyond the place. From there, s_b passes through the expert's places in the expert's time, times
 /// the pace. It stays within f_max / k of the hand: else the push would last beyond the hand's next movement.
 ///
-/// When the force of the approach goes, an arm gives way by up to 20 mm without any intention. Such a recoil is no
-/// start: it comes to rest, for kComesToRest, within kRecoils and kRecoilWay, and the place where it ends is the one
-/// from which the trainee leaves. A hand that is still under way then has left when it began to move.
+/// When the force of the approach goes, within kForceGoes, an arm gives way by up to 20 mm without any intention. Such
+/// a recoil is no start: it comes to rest, for kComesToRest, within kRecoils and kRecoilWay, and the place where it
+/// ends is the one from which the trainee leaves. A hand that is still under way then has left when it began to move.
 ///
 /// A trainee who starts in time and is as fast as the wall feels exactly no force. The work is that of the commanded
 /// force; it does not account for the device's delay.
@@ -36,6 +36,7 @@ class BackWall final : public GuideTerm {
   static constexpr double kOnsetTime = 0.06;     ///< three times the window of the measured speed [s]
   static constexpr double kOnsetWay = 5e-3;      ///< [m]
   static constexpr double kShortestStop = 0.25;  ///< shorter stops of the expert do not count [s]
+  static constexpr double kForceGoes = 0.35;     ///< [s]
   static constexpr double kComesToRest = 0.1;    ///< [s]
   static constexpr double kRecoils = 0.8;        ///< longest recoil from the beginning of a repetition [s]
   static constexpr double kRecoilWay = 0.03;     ///< farthest [m]

@@ -132,6 +132,21 @@ TEST(BackWall, IsExactlyAbsentForATraineeWhoStartsInTime) {
   }
 }
 
+TEST(BackWall, TakesTheRecoilOfAnArmAfterTheApproachForNoStart) {
+  for (const double way : {0.004, 0.012, 0.02}) {
+    Course course;
+    course.lead([&](double t) { return way * std::clamp((t - 0.05) / 0.3, 0.0, 1.0); }, 1.9);
+    EXPECT_EQ(course.initiation().initiator, Initiator::none) << way;
+    EXPECT_EQ(course.largest_force(), 0) << way;
+    course.push(0.8, 6);
+    EXPECT_EQ(course.initiation().initiator, Initiator::helped) << way;
+  }
+  Course leaves;
+  leaves.lead([](double t) { return 0.06 * std::max(t - 0.05, 0.0); }, 1.5);
+  EXPECT_EQ(leaves.initiation().initiator, Initiator::self) << "a hand that does not come to rest has left";
+  EXPECT_NEAR(leaves.initiation().waited, 0.08, 0.06) << "when it began to move";
+}
+
 TEST(BackWall, LeadsAHandThatNeverStartsToTheEnd) {
   Course course;
   course.push(0.8, 12);

@@ -487,5 +487,36 @@ TEST(GuidanceController, AllocatesNothing) {
   EXPECT_EQ(test::allocations(), before);
 }
 
+/// Returns the result of a trainee who trembles by `tremor` [m] at the start of a path and never leaves it.
+GuideResult trembling(const std::string& shape, double tremor, GuideOptions options) {
+  const TempFolder folder;
+  Path path = make_shape(shape, {.size = 0.08, .duration = 6});
+  path.name = shape;
+  Path intent{.name = "tremor"};
+  for (int i = 0; i < 1000; ++i) {
+    const double t = 0.02 * i;
+    intent.time.push_back(t);
+    intent.position.push_back(path.position.front() +
+                              tremor * Vec3(std::sin(19 * t) + std::sin(31 * t + 1), std::sin(23 * t + 2), 0));
+  }
+  save_path(intent, folder / "tremor.csv", "tremor", true);
+  const auto device = open_device("sim:preset=omega3,hand=relaxed,seed=3,intent=" + (folder / "tremor.csv"));
+  options.guidance.time_limit = 15;
+  return guide(*device, plan_guidance(device->info(), source_of(path), options), options, StopRequest{});
+}
+
+TEST(Guide, DoesNotFinishAPathThatEndsNearItsStartForAHandThatOnlyTremblesThere) {
+  for (const char* shape : {"square", "circle", "line"})
+    for (const double tremor : {1e-3, 3e-3})
+      for (const bool free : {false, true}) {
+        GuideOptions options;
+        options.free = free;
+        options.guidance.led = !free;
+        const GuideResult result = trembling(shape, tremor, options);
+        EXPECT_TRUE(result.last.partial) << shape << " " << tremor << " " << free;
+        EXPECT_LT(result.last.completion, 0.35) << shape << " " << tremor << " " << free;
+      }
+}
+
 }  // namespace
 }  // namespace haptrace

@@ -98,6 +98,20 @@ TEST(Initiation, BringsAHandThatNeverStartsToTheEndOfThePath) {
   EXPECT_FALSE(alone.result.last.initiation);
 }
 
+TEST(Initiation, DoesNotTakeThePassiveArmOfAnyDeviceForOneThatStarts) {
+  for (const char* preset : {"omega3", "falcon", "touch", "sigma7", "inverse3"})
+    for (const char* hand : {"relaxed", "firm"}) {
+      const auto device = open_device(fmt::format("sim:preset={},hand={},seed=3", preset, hand));
+      GuideOptions options = initiating(8);
+      options.fit = true;
+      const GuideResult result =
+          guide(*device, plan_guidance(device->info(), source_of(reach()), options), options, StopRequest{});
+      ASSERT_TRUE(result.last.initiation) << preset << " " << hand;
+      EXPECT_NE(result.last.initiation->initiator, Initiator::self)
+          << preset << " " << hand << " after " << result.last.initiation->waited;
+    }
+}
+
 TEST(Initiation, IsNotFeltByATraineeWhoStarts) {
   const TempFolder folder;
   for (const double wait : {0.6, 1.5}) {
