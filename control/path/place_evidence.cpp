@@ -297,6 +297,24 @@ PlaceEvidence::Candidate PlaceEvidence::next_rival(double from, double s, double
   return {s, std::numeric_limits<double>::infinity()};
 }
 
+double PlaceEvidence::recent(double s) const noexcept {
+  return forgotten_[std::clamp(state_at(s), first_, first_ + total_.size() - 1) - first_];
+}
+
+PlaceEvidence::Candidate PlaceEvidence::nearest_lately(double s, double range, double same_way) const noexcept {
+  const std::size_t here = state_at(s);
+  const auto least_way = static_cast<float>(same_way);
+  Candidate nearest{s, std::numeric_limits<double>::infinity()};
+  for (std::size_t i = 0; i < forgotten_.size(); ++i) {
+    if (!(forgotten_[i] < nearest.cost)) continue;
+    const std::size_t j = first_ + i;
+    if (std::abs(s_of(j) - s) <= range) continue;
+    if (!(tx_[j] * tx_[here] + ty_[j] * ty_[here] + tz_[j] * tz_[here] > least_way)) continue;
+    nearest = {s_of(j), forgotten_[i]};
+  }
+  return nearest;
+}
+
 PlaceEvidence::Nearest PlaceEvidence::nearest_in(const Stretch& stretch, const Vec3& position) const noexcept {
   const Eigen::Vector3f hand = (position - origin_).cast<float>();
   const std::size_t from = state_at(stretch.from), to = state_at(stretch.to);

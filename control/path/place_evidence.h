@@ -58,6 +58,13 @@ class PlaceEvidence {
   /// and less than all its neighbours within 6 mm. Its cost is infinite if there is none.
   [[nodiscard]] Candidate next_rival(double from, double s, double range, double most) const noexcept;
 
+  /// Returns the distance cost A of the state at `s` [m].
+  [[nodiscard]] double recent(double s) const noexcept;
+  /// Returns the place, farther than `range` [m] from `s` [m] and along which the path leads as it does at `s` (cosine
+  /// above `same_way`), with the least distance cost A: where the hand has been lately, whatever its history says. Its
+  /// cost is infinite if there is none.
+  [[nodiscard]] Candidate nearest_lately(double s, double range, double same_way) const noexcept;
+
   /// A part of the path [m].
   struct Stretch {
     double from = 0, to = 0;

@@ -20,6 +20,7 @@ constexpr double kDoubt = 0.5, kCertain = 1.5;      // margins at which certaint
 constexpr double kFadeDown = 0.1, kFadeUp = 0.3;    // of the certainty from 1 to 0 and back [s]
 constexpr double kSameForce = 0.1;                  // relative difference of forces that agree
 constexpr double kSameWay = 0.7;                    // cosine between directions that agree
+constexpr double kLap = 1, kOtherLap = 2;           // excess of distance costs at which certainty is 1 and 0
 
 double faded(double value, double target, double dt) {
   return target < value ? std::max(target, value - dt / kFadeDown) : std::min(target, value + dt / kFadeUp);
@@ -66,6 +67,18 @@ void PlaceTracker::weigh_rivals(const PlaceEvidence::Candidate& near) noexcept {
   const double gate = std::clamp((margin - kDoubt) / (kCertain - kDoubt), 0.0, 1.0);
   certainty_ = same_force ? 1 : gate;
   heading_ = same_way ? 1 : gate;
+  doubt_laps(place);
+}
+
+void PlaceTracker::doubt_laps(const ArcPath::Place& place) noexcept {
+  const double here = evidence_.recent(foot_.s);
+  if (here < kLap) return;
+  const PlaceEvidence::Candidate other = evidence_.nearest_lately(foot_.s, scale_ * kRival, kSameWay);
+  const double gate = std::clamp((kOtherLap - (here - other.cost)) / (kOtherLap - kLap), 0.0, 1.0);
+  if (gate >= certainty_ || norm_of(path_->at(other.s).force - place.force) <= kSameForce * norm_of(place.force))
+    return;
+  certainty_ = gate;
+  rival_ = other.s;
 }
 
 void PlaceTracker::look_about() noexcept {

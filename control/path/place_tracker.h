@@ -62,6 +62,9 @@ class PlaceTracker {
   void look_about() noexcept;
   /// Compares the place with its rivals.
   void weigh_rivals(const PlaceEvidence::Candidate& near) noexcept;
+  /// Doubts a place from which the hand stays away while it follows another lap in the same direction: a lap too early
+  /// or too late looks like a copy that is shifted, and nothing but the memory speaks for either.
+  void doubt_laps(const ArcPath::Place& place) noexcept;
   void fade(double dt) noexcept;
   /// Takes a new foot point; the certainty fades on.
   void take(const Foot& foot) noexcept;

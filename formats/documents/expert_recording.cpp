@@ -51,6 +51,11 @@ std::optional<Found> find_expert_profile(const std::string& file, const DeviceId
   return std::nullopt;
 }
 
+/// Returns true if the response of the calibrated device showed a hand, which its friction and gravity then contain.
+bool has_an_arm(const DeviceProfile& profile) {
+  return profile.held && profile.held->hand == HandKnown::identified;
+}
+
 HandleForce handle_of(const std::optional<Found>& found, bool negated) {
   HandleForce handle{.negated = negated};
   if (!found) return handle;
@@ -141,6 +146,16 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
     if (asked) throw input_error(fmt::format("{}: {}", name, why));
     result.warnings.push_back(fmt::format("{}: its measured force is not replayed, but the sent force: {}", name, why));
     return result;
+  }
+  if (found && has_an_arm(found->profile)) {
+    const std::string why = fmt::format(
+        "the model of its device ({}) was calibrated in a hand, so it has the drag and the pull of an arm; calibrate "
+        "the device with nobody at the handle, into a file (haptrace calibrate -o free.json), and give that with "
+        "--expert-profile",
+        found->where);
+    result.warnings.push_back(
+        fmt::format("{}: {}{}", name, asked ? "" : "its measured force is not replayed, but the sent force: ", why));
+    if (!asked) return result;
   }
   PathSelection of_sensor = selection;
   of_sensor.measured = true;
