@@ -324,6 +324,17 @@ void tell_ends(std::vector<ReportTrial>& trials, const std::vector<RecordedTrial
   }
 }
 
+/// Returns false if a path that was put together from the places of a trial lacks parts, because the place skipped
+/// them: it is then shorter than the arc length that the trials reached.
+bool has_no_gap(const Polyline& curve, const std::vector<RecordedTrial>& trials) {
+  constexpr double kWhole = 0.98;
+  double farthest = 0;
+  for (const RecordedTrial& trial : trials)
+    for (const double s : trial.progress)
+      if (s > farthest) farthest = s;
+  return curve.length() >= kWhole * farthest;
+}
+
 std::optional<double> force_limit_of(const RecordingHeader& header) {
   const std::optional<double> limit = configured_number(header.config, "max-force");
   return limit && *limit > 0 ? limit : std::nullopt;
@@ -385,6 +396,7 @@ std::optional<DrawnPath> shared_path(const std::vector<RecordedTrial>& recorded,
       drawn.emplace(std::move(*path));
   if (drawn)
     drawn->path.whole =
+        has_no_gap(drawn->path.curve, recorded) &&
         std::any_of(trials.begin(), trials.end(), [](const ReportTrial& trial) { return trial.finished(); });
   return drawn;
 }
