@@ -43,7 +43,7 @@ Verb add_shape(CLI::App& app) {
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "name");
             require(*verb, "--output");
-            if (!arguments->centre.empty()) arguments->shape.center = Vec3(arguments->centre.data());
+            if (!arguments->centre.empty()) arguments->shape.centre = Vec3(arguments->centre.data());
             if (std::abs(arguments->shape.angle) > 2 * std::numbers::pi)
               throw input_error(fmt::format(
                   "--angle {:g}: is in radians and more than a full turn; {:g} degrees are "

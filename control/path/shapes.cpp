@@ -208,7 +208,7 @@ void check(std::string_view name, const ShapeOptions& o) {
   check_option("rate", o.rate_hz, 10, 20000, " Hz");
   check_option("turns", o.turns, 1, name == "reach" || name == "script" ? 1 : 10000, "");
   if (name == "square") check_option("blend", o.blend, 0, o.size / 2, " m");
-  for (const double c : o.center) check_option("center", c, -10, 10, " m");
+  for (const double c : o.centre) check_option("centre", c, -10, 10, " m");
   check_option("angle", o.angle, -1e3, 1e3, " rad");
 }
 
@@ -266,7 +266,7 @@ Path make_shape(std::string_view name, const ShapeOptions& options) {
     const CurvePoint p = curve.at(arc);
     const Vector2d v = rate * curve.length * p.tangent;
     path.time.push_back(total * u);
-    path.position.push_back(options.center + p.position.x() * right + p.position.y() * up);
+    path.position.push_back(options.centre + p.position.x() * right + p.position.y() * up);
     path.velocity.push_back(v.x() * right + v.y() * up);
   }
   return path;

@@ -18,7 +18,7 @@ struct ShapeOptions {
   double blend = 0.005;   ///< corner radius of the square [0, size / 2]; 0 keeps sharp corners
   int turns = 1;          ///< turns of circle, figure eight and spiral; rounds of the square; round trips of the line
                           ///< [1, 10000]. Reach and script have one
-  Vec3 center = Vec3::Zero();   ///< [-10, 10] each
+  Vec3 centre = Vec3::Zero();   ///< [-10, 10] each
   std::string plane = "xy";     ///< "xy", "yz" or "zx": the first axis points right, the second up
   double angle = 0;             ///< direction of line and reach in the plane, from the first axis towards the second
   bool constant_speed = false;  ///< from the first sample to the last, instead of minimum-jerk movements along the arc

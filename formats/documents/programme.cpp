@@ -171,7 +171,10 @@ Path path_of_shape(JsonReader reader) {
   shape.duration = reader.number("duration", shape.duration, 0.05, 3600);
   shape.blend = reader.number("blend", shape.blend, 0, 5);
   shape.turns = reader.integer("turns", shape.turns, 1, 1000);
-  shape.center = reader.vector("center", shape.center, -10, 10);
+  const bool alias = reader.has("center");
+  if (alias && reader.has("centre"))
+    throw input_error(reader.where() + ": centre and center are the same key; remove one of them");
+  shape.centre = reader.vector(alias ? "center" : "centre", shape.centre, -10, 10);
   shape.plane = reader.choice("plane", shape.plane, std::vector<std::string>{"xy", "yz", "zx"});
   shape.angle = std::numbers::pi / 180 * reader.number("angle_deg", 0, -360, 360);
   shape.constant_speed = reader.boolean("constant_speed", shape.constant_speed);

@@ -21,7 +21,7 @@ constexpr double kPeak = 8.9, kContinuous = kCautiousShare * kPeak;  // preset f
 constexpr const char* kStubborn = "sim:preset=falcon,hand=tense,seed=3";
 
 Path circle(double x, double duration = 4) {
-  return make_shape("circle", {.size = 0.02, .duration = duration, .center = Vec3(x, 0, 0)});
+  return make_shape("circle", {.size = 0.02, .duration = duration, .centre = Vec3(x, 0, 0)});
 }
 
 double seconds_of(const Sample& sample) {

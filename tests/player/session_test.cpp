@@ -134,7 +134,7 @@ TEST(Session, RefusesAPathOutsideTheWorkspaceBeforeAnyForceAndSaysHowFar) {
   const TempFolder folder;
   PointMass device;
   PlayOptions options = options_for(folder / "never.h5");
-  const Path far = make_shape("circle", {.size = 0.1, .center = Vec3(0.2, 0, 0)});
+  const Path far = make_shape("circle", {.size = 0.1, .centre = Vec3(0.2, 0, 0)});
   EXPECT_THAT(error_of([&] { plan_playback(device.info(), far, options); }),
               testing::AllOf(HasSubstr("leaves the workspace of point mass by 50.0 mm"), HasSubstr("--fit")));
   EXPECT_TRUE(device.forces().empty());

@@ -143,7 +143,7 @@ TEST(PathChange, MirrorsRotatesScalesAndMovesInThisOrderAboutOnePoint) {
 }
 
 TEST(PathChange, TurnsAboutTheStartOrTheCentreAndLeavesIt) {
-  const Path path = make_shape("square", {.size = 0.08, .center = Vec3(0.02, 0.03, 0)});
+  const Path path = make_shape("square", {.size = 0.08, .centre = Vec3(0.02, 0.03, 0)});
   for (const char* place : {"start", "centre"}) {
     Path changed = path;
     PathChange{.rotation = parse_rotation("1,2,3=2"), .scale = 0.5, .about = parse_change_centre(place)}.apply(changed);

@@ -74,7 +74,7 @@ std::vector<Variation> variations() {
   turns.turns = 3;
   turns.duration = 1.3;
   auto& elsewhere = add("Elsewhere");
-  elsewhere.center = {0.3, -0.2, 0.1};
+  elsewhere.centre = {0.3, -0.2, 0.1};
   elsewhere.plane = "yz";
   elsewhere.angle = 0.7;
   add("InZx").plane = "zx";
@@ -187,19 +187,19 @@ TEST_P(ShapeLaws, StaysWithinItsSizeInItsPlane) {
   const int normal = options_.plane == "xy" ? 2 : options_.plane == "yz" ? 0 : 1;
   for (int axis = 0; axis < 3; ++axis) {
     const double reach = axis == normal ? 0 : name_ == "reach" ? options_.size : half;
-    EXPECT_LE(box.max[axis], options_.center[axis] + reach + 1e-14);
-    EXPECT_GE(box.min[axis], options_.center[axis] - reach - 1e-14);
+    EXPECT_LE(box.max[axis], options_.centre[axis] + reach + 1e-14);
+    EXPECT_GE(box.min[axis], options_.centre[axis] - reach - 1e-14);
   }
 }
 
 TEST_P(ShapeLaws, IsTheSameInEveryPlane) {
   ShapeOptions in_xy = options_;
   in_xy.plane = "xy";
-  in_xy.center.setZero();
+  in_xy.centre.setZero();
   const Path flat = make_shape(name_, in_xy);
   const int right = options_.plane == "xy" ? 0 : options_.plane == "yz" ? 1 : 2;
   for (std::size_t i = 0; i < path_.size(); ++i) {
-    const Vec3 p = path_.position[i] - options_.center;
+    const Vec3 p = path_.position[i] - options_.centre;
     ASSERT_NEAR(p[right], flat.position[i].x(), 1e-15 * (1 + options_.size));
     ASSERT_NEAR(p[(right + 1) % 3], flat.position[i].y(), 1e-15 * (1 + options_.size));
   }
@@ -398,7 +398,7 @@ TEST(Shapes, RefuseOptionsNamingThemAndTheirRange) {
   EXPECT_EQ(refusal("reach", [](auto& o) { o.turns = 2; }), "shape: turns is 2; it must be 1 to 1");
   EXPECT_EQ(refusal("square", [](auto& o) { o.blend = 0.05; }), "shape: blend is 0.05 m; it must be 0 to 0.04 m");
   EXPECT_THAT(refusal("square", [](auto& o) { o.blend = kNaN; }), HasSubstr("blend is nan m"));
-  EXPECT_THAT(refusal("square", [](auto& o) { o.center.y() = kNaN; }), HasSubstr("center is nan m"));
+  EXPECT_THAT(refusal("square", [](auto& o) { o.centre.y() = kNaN; }), HasSubstr("centre is nan m"));
   EXPECT_THAT(refusal("line", [](auto& o) { o.angle = kNaN; }), HasSubstr("angle is nan rad"));
   EXPECT_EQ(refusal("line", [](auto& o) { o.plane = "xz"; }), "shape: plane is 'xz'; it must be xy, yz or zx");
   EXPECT_EQ(refusal("line", [](auto& o) { o.duration = 1e6; }),

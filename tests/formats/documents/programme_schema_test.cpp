@@ -110,6 +110,19 @@ TEST(ProgrammeSchema, AgreesWithTheReaderOnEverySampleHoweverItIsChanged) {
                      "scale": 2, "offset": [0.01, 0, 0], "frame": {"translation": [1, 0, 0]}}]})");
   EXPECT_TRUE(is_read(placed));
   change_everything(placed, placed, json::json_pointer(), programmes);
+  for (const char* spelling : {"centre", "center"}) {
+    json shaped = json::parse(R"({"haptrace_programme": 1, "exercises": [
+        {"mode": "passive", "shape": {"kind": "circle", "size": 0.05}},
+        {"mode": "passive", "shape": {"kind": "circle"}}]})");
+    shaped["exercises"][0]["shape"][spelling] = {0.01, 0, 0};
+    shaped["exercises"][1]["shape"][spelling] = 0.01;
+    EXPECT_TRUE(is_read(shaped));
+    change_everything(shaped, shaped, json::json_pointer(), programmes);
+  }
+  const json twice = json::parse(R"({"haptrace_programme": 1, "exercises": [
+      {"mode": "passive", "shape": {"kind": "circle", "centre": 0.01, "center": 0.01}}]})");
+  EXPECT_FALSE(is_read(twice));
+  programmes.push_back(twice);
   const json reaches = json::parse(R"({"haptrace_programme": 1, "exercises": [
       {"mode": "reach", "repetitions": 3, "mirror": "x", "reach": {"targets": [[0, 0.1, 0], [0, 0, 0.1]], "plane": "yz",
        "start_hold": 0.7, "start_radius": 0.005, "energy": 1, "field": {"matrix": [[0, 1], [2, 3]]},

@@ -105,6 +105,18 @@ TEST(Programme, NamesThePathOfTheKeyThatIsWrong) {
                  {"exercises[0].shape: 100 turns of 60 s are 6000 s; an exercise may last at most one hour"});
   expect_refused(programme_of(R"("name": "disc", "mode": "tunnel", "shape": {"kind": "disc"})"),
                  {"p.json: exercises[0].shape.kind: 'disc'", "circle"});
+  expect_refused(programme_of(R"("mode": "free", "shape": {"kind": "circle", "centre": 0, "center": 0})"),
+                 {"exercises[0].shape: centre and center are the same key; remove one of them"});
+}
+
+TEST(Programme, ReadsTheCentreOfAShapeInEitherSpelling) {
+  for (const char* spelling : {"centre", "center"}) {
+    const Programme programme = programme_from_json(
+        programme_of(fmt::format(R"("mode": "free", "shape": {{"kind": "circle", "{}": [0.1, 0.2, 0.3]}})", spelling)),
+        "p.json");
+    const Vec3 middle = path_of(programme, programme.exercise(0), "").bounds().center();
+    EXPECT_NEAR((middle - Vec3(0.1, 0.2, 0.3)).norm(), 0, 1e-4) << spelling;
+  }
 }
 
 TEST(Programme, RefusesAKeyThatDoesNotApplyInItsMode) {

@@ -7,7 +7,7 @@ namespace haptrace {
 namespace {
 
 std::shared_ptr<const PathSource> circle() {
-  return source_of(make_shape("circle", {.size = 0.1, .duration = 20, .center = Vec3(0.02, 0, 0.01)}));
+  return source_of(make_shape("circle", {.size = 0.1, .duration = 20, .centre = Vec3(0.02, 0, 0.01)}));
 }
 
 void expect_facts_of_rows(const PathSource& path) {
