@@ -138,7 +138,7 @@ Verb add_average(CLI::App& app) {
       "repetitions; each of several files gives its last one.\n"
       "  haptrace average first.h5 second.h5 third.h5 -o expert.h5\n"
       "  haptrace guide expert.h5 -d falcon --radius auto");
-  verb->add_option("files", a.files, "recordings (HDF5) or paths (HDF5, CSV)")->type_name("FILE...");
+  verb->add_option("files", a.files, "recordings (HDF5) or paths (HDF5, CSV)")->type_name("FILE");
   verb->add_option("-o,--output", a.file, "recording to write (.h5)")->type_name("OUT.h5");
   verb->add_option("--title", a.title, "title of the recording that is written");
   verb->add_option("--smoothing", a.smoothing,

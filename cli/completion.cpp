@@ -59,6 +59,29 @@ std::string all_names(const CLI::Option& option) {
   return fmt::format("{}", fmt::join(names, " "));
 }
 
+/// Returns the choices that the positional arguments of a verb list, as in "square | circle".
+std::vector<std::string> positional_choices(const CLI::App& app) {
+  std::vector<std::string> all;
+  for (const CLI::Option* option : app.get_options([](const CLI::Option* o) { return o->get_positional(); })) {
+    const std::vector<std::string> choices = choices_of(*option);
+    all.insert(all.end(), choices.begin(), choices.end());
+  }
+  return all;
+}
+
+/// A word that may stand in the place of a verb, and what it does.
+struct VerbWord {
+  std::string name, description;
+};
+
+/// Returns the verbs below `app`; those of the command include `help`.
+std::vector<VerbWord> verb_words(const CLI::App& app) {
+  std::vector<VerbWord> words;
+  for (const CLI::App* verb : children_of(app)) words.push_back({verb->get_name(), verb->get_description()});
+  if (app.get_parent() == nullptr) words.push_back({"help", "print the help page of a verb"});
+  return words;
+}
+
 // ---- bash ----
 
 std::string bash_completion(const CLI::App& app) {
@@ -71,11 +94,12 @@ _haptrace() {
   for (const CLI::App* parent : parents_of(app))
     for (const CLI::App* verb : children_of(*parent))
       text += fmt::format("      '{} {}') verb='{}' ;;\n", name_of(*parent), verb->get_name(), full_name(*verb));
-  text += "    esac\n  done\n  local words=\n  case $verb in\n";
+  text += "    esac\n  done\n  local words= choices=\n  case $verb in\n";
   for (const CLI::App* parent : parents_of(app)) {
-    std::vector<std::string> names;
-    for (const CLI::App* verb : children_of(*parent)) names.push_back(verb->get_name());
-    text += fmt::format("    '{}') COMPREPLY=($(compgen -W '{}' -- \"$cur\")); return ;;\n", name_of(*parent),
+    std::vector<std::string> names, options;
+    for (const VerbWord& verb : verb_words(*parent)) names.push_back(verb.name);
+    for (const CLI::Option* option : options_of(*parent)) options.push_back(all_names(*option));
+    text += fmt::format("    '{}') words='{}' choices='{}' ;;\n", name_of(*parent), fmt::join(options, " "),
                         fmt::join(names, " "));
   }
   for (const CLI::App* verb : leaves_of(app)) {
@@ -96,11 +120,14 @@ _haptrace() {
         plain.push_back(pattern);
     }
     if (!plain.empty()) text += fmt::format("        {}) return ;;\n", fmt::join(plain, "|"));
-    text += fmt::format("      esac\n      words='{}' ;;\n", fmt::join(names, " "));
+    text += fmt::format("      esac\n      words='{}' choices='{}' ;;\n", fmt::join(names, " "),
+                        fmt::join(positional_choices(*verb), " "));
   }
   return text + R"(  esac
   if [[ $cur == -* ]]; then
     COMPREPLY=($(compgen -W "$words" -- "$cur"))
+  elif [[ -n $choices ]]; then
+    COMPREPLY=($(compgen -W "$choices" -- "$cur"))
   else
     COMPREPLY=($(compgen -f -- "$cur"))
   fi
@@ -123,35 +150,44 @@ std::string zsh_function(const CLI::App& app) {
   return "_" + replaced(app.get_parent() == nullptr ? "haptrace" : "haptrace " + full_name(app), " ", "_");
 }
 
+/// Returns a line of _arguments for each name of each option of a verb.
+std::string zsh_options(const CLI::App& app) {
+  std::string text;
+  for (const CLI::Option* option : options_of(app)) {
+    std::string value;
+    if (option->get_items_expected_max() > 0) {
+      const std::vector<std::string> choices = choices_of(*option);
+      value = fmt::format(":{}:{}", zsh_text(option->get_type_name()),
+                          !choices.empty()      ? fmt::format("({})", fmt::join(choices, " "))
+                          : takes_file(*option) ? "_files"
+                                                : "");
+    }
+    std::istringstream names(all_names(*option));
+    for (std::string name; names >> name;)
+      text += fmt::format("    '*{}[{}]{}' \\\n", name, zsh_text(option->get_description()), value);
+  }
+  return text;
+}
+
 std::string zsh_completion(const CLI::App& app) {
   std::string text = "#compdef haptrace\n# zsh completion for haptrace; made by `haptrace completion zsh`.\n";
   for (const CLI::App* verb : leaves_of(app)) {
     text += fmt::format("\n{}() {{\n  _arguments -s \\\n", zsh_function(*verb));
-    for (const CLI::Option* option : options_of(*verb)) {
-      std::string value;
-      if (option->get_items_expected_max() > 0) {
-        const std::vector<std::string> choices = choices_of(*option);
-        value = fmt::format(":{}:{}", zsh_text(option->get_type_name()),
-                            !choices.empty()      ? fmt::format("({})", fmt::join(choices, " "))
-                            : takes_file(*option) ? "_files"
-                                                  : "");
-      }
-      std::istringstream names(all_names(*option));
-      for (std::string name; names >> name;)
-        text += fmt::format("    '*{}[{}]{}' \\\n", name, zsh_text(option->get_description()), value);
-    }
-    text += "    '*:file:_files'\n}\n";
+    const std::vector<std::string> choices = positional_choices(*verb);
+    text += zsh_options(*verb) + (choices.empty() ? "    '*:file:_files'\n}\n"
+                                                  : fmt::format("    '*:choice:({})'\n}}\n", fmt::join(choices, " ")));
   }
   const std::vector<const CLI::App*> parents = parents_of(app);
   for (auto parent = parents.rbegin(); parent != parents.rend(); ++parent) {
     text += fmt::format("\n{}() {{\n  local line state\n  local -a verbs=(\n", zsh_function(**parent));
-    for (const CLI::App* verb : children_of(**parent))
-      text += fmt::format("    '{}:{}'\n", verb->get_name(), zsh_text(verb->get_description()));
-    text +=
-        "  )\n  _arguments -C '1: :->verb' '*:: :->rest'\n  case $state in\n"
-        "    verb) _describe verb verbs ;;\n    rest)\n      case $line[1] in\n";
+    for (const auto& [name, description] : verb_words(**parent))
+      text += fmt::format("    '{}:{}'\n", name, zsh_text(description));
+    text += "  )\n  _arguments -C \\\n" + zsh_options(**parent) +
+            "    '1: :->verb' '*:: :->rest'\n  case $state in\n"
+            "    verb) _describe verb verbs ;;\n    rest)\n      case $line[1] in\n";
     for (const CLI::App* verb : children_of(**parent))
       text += fmt::format("        {}) {} ;;\n", verb->get_name(), zsh_function(*verb));
+    if ((*parent)->get_parent() == nullptr) text += "        help) _haptrace ;;\n";
     text += "      esac ;;\n  esac\n}\n";
   }
   return text + "\n_haptrace \"$@\"\n";
@@ -173,24 +209,35 @@ std::string fish_condition(const CLI::App& app) {
   return fmt::format("{}", fmt::join(conditions, "; and "));
 }
 
+/// Returns a line for each option of a verb.
+std::string fish_options(const CLI::App& app) {
+  std::string text;
+  for (const CLI::Option* option : options_of(app)) {
+    std::string line = fmt::format("complete -c haptrace -n '{}'", fish_condition(app));
+    for (const std::string& name : option->get_lnames()) line += " -l " + name;
+    for (const std::string& name : option->get_snames()) line += " -s " + name;
+    const std::vector<std::string> choices = choices_of(*option);
+    if (!choices.empty())
+      line += fmt::format(" -x -a '{}'", fmt::join(choices, " "));
+    else if (option->get_items_expected_max() > 0)
+      line += takes_file(*option) ? " -r -F" : " -x";
+    text += fmt::format("{} -d '{}'\n", line, fish_text(option->get_description()));
+  }
+  return text;
+}
+
 std::string fish_completion(const CLI::App& app) {
   std::string text = "# fish completion for haptrace; made by `haptrace completion fish`.\n";
   for (const CLI::App* parent : parents_of(app))
-    for (const CLI::App* verb : children_of(*parent))
-      text += fmt::format("complete -c haptrace -f -n '{}' -a {} -d '{}'\n", fish_condition(*parent), verb->get_name(),
-                          fish_text(verb->get_description()));
-  for (const CLI::App* verb : leaves_of(app))
-    for (const CLI::Option* option : options_of(*verb)) {
-      std::string line = fmt::format("complete -c haptrace -n '{}'", fish_condition(*verb));
-      for (const std::string& name : option->get_lnames()) line += " -l " + name;
-      for (const std::string& name : option->get_snames()) line += " -s " + name;
-      const std::vector<std::string> choices = choices_of(*option);
-      if (!choices.empty())
-        line += fmt::format(" -x -a '{}'", fmt::join(choices, " "));
-      else if (option->get_items_expected_max() > 0)
-        line += takes_file(*option) ? " -r -F" : " -x";
-      text += fmt::format("{} -d '{}'\n", line, fish_text(option->get_description()));
-    }
+    for (const auto& [name, description] : verb_words(*parent))
+      text += fmt::format("complete -c haptrace -f -n '{}' -a {} -d '{}'\n", fish_condition(*parent), name,
+                          fish_text(description));
+  for (const CLI::App* parent : parents_of(app)) text += fish_options(*parent);
+  for (const CLI::App* verb : leaves_of(app)) {
+    text += fish_options(*verb);
+    if (const std::vector<std::string> choices = positional_choices(*verb); !choices.empty())
+      text += fmt::format("complete -c haptrace -f -n '{}' -a '{}'\n", fish_condition(*verb), fmt::join(choices, " "));
+  }
   return text;
 }
 
@@ -239,7 +286,11 @@ std::string manual_page(const CLI::App& app) {
       text += fmt::format(" (default: {})", roff_text(option->get_default_str()));
     text += "\n";
   }
-  if (!app.get_footer().empty()) text += ".SH NOTES\n.nf\n" + roff_text(app.get_footer()) + "\n.fi\n";
+  constexpr std::size_t kTextWidth = 73;  // man indents a text by 7 columns of 80
+  const Footer footer = footer_of(app, kTextWidth);
+  if (!footer.prose.empty()) text += ".SH NOTES\n.nf\n" + roff_text(footer.prose) + ".fi\n";
+  if (!footer.examples.empty())
+    text += fmt::format(".SH EXAMPLES\n.nf\n{}\n.fi\n", roff_text(fmt::format("{}", fmt::join(footer.examples, "\n"))));
   if (verbs.empty()) return text + ".SH SEE ALSO\n.BR haptrace (1)\n";
   return text;
 }
@@ -272,7 +323,7 @@ std::vector<Verb> add_completion(CLI::App& app) {
       "  haptrace completion man -o ~/.local/share/man/man1\n"
       "The package installs all of them.");
   verb->add_option("shell", arguments->shell, "bash | zsh | fish | man")->type_name("SHELL");
-  verb->add_option("page", arguments->page, "manual page to print: haptrace, or haptrace-VERB")->type_name("PAGE");
+  verb->add_option("page", arguments->page, "manual page to print: haptrace, or haptrace-VERB")->type_name("[PAGE]");
   verb->add_option("-o,--output", arguments->folder, "write files with their usual names into this folder")
       ->type_name("FOLDER");
   return {{verb, [arguments, verb](const Output&) {

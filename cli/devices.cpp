@@ -172,7 +172,7 @@ Verb add_devices(CLI::App& app) {
       "  haptrace devices sim:preset=touch,hand=relaxed\n"
       "  haptrace devices --test falcon");
   CLI::Option* name = verb->add_option("name", arguments->name, "device to open and describe");
-  name->type_name("NAME[:...]");
+  name->type_name("[NAME[:...]]");
   verb->add_flag("--watch", arguments->watch, "report devices as they are connected and removed")->excludes(name);
   const DeviceCheck check(*verb);
   return {verb, [arguments, check](const Output& output) {

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <fmt/format.h>
+#include <iterator>
 #include <regex>
+#include <sstream>
 
 namespace haptrace::cli {
 namespace {
@@ -62,39 +64,47 @@ std::string two_columns(const std::string& left, const std::string& right) {
   return text + "\n";
 }
 
-/// Breaks an example into lines that a shell joins again.
-std::string example_text(const std::string& example) {
-  const std::vector<std::string> lines = wrapped(example, kPageWidth - 10);
-  if (example.size() <= kPageWidth || example.find(" (") != std::string::npos) return example;
-  return fmt::format("  {}", fmt::join(lines, " \\\n      "));
-}
-
-std::string paragraph(std::string_view text) {
-  return fmt::format("{}\n", fmt::join(wrapped(text, kPageWidth), "\n"));
-}
-
-/// A footer: examples, one per line, and the prose around them.
-struct FooterParts {
-  std::vector<std::string> examples;
-  std::string prose;
-};
-
-FooterParts parts_of_footer(const std::string& footer) {
-  FooterParts parts;
-  std::istringstream lines(footer);
-  for (std::string line; std::getline(lines, line);) {
-    if (line.starts_with("  haptrace "))
-      parts.examples.push_back(example_text(line));
-    else
-      parts.prose += line + "\n";
+std::vector<std::string> lines_of_words(const std::vector<std::string>& words, std::size_t width) {
+  std::vector<std::string> lines(1);
+  for (const std::string& word : words) {
+    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > width) lines.emplace_back();
+    lines.back() += (lines.back().empty() ? "" : " ") + word;
   }
-  return parts;
+  return lines;
 }
 
-std::string prose_text(const std::string& prose) {
+/// Splits an example at the blanks outside quotes: inside quotes, a shell would keep a line break.
+std::vector<std::string> words_of_example(const std::string& example) {
+  std::vector<std::string> words(1);
+  char quote = 0;
+  for (const char c : example) {
+    if (c == ' ' && quote == 0) {
+      if (!words.back().empty()) words.emplace_back();
+      continue;
+    }
+    if (c == quote)
+      quote = 0;
+    else if (quote == 0 && (c == '\'' || c == '"'))
+      quote = c;
+    words.back() += c;
+  }
+  return words;
+}
+
+/// Breaks an example into lines that a shell joins again.
+std::string example_text(const std::string& example, std::size_t width) {
+  if (example.size() <= width || example.find(" (") != std::string::npos) return example;
+  return fmt::format("  {}", fmt::join(lines_of_words(words_of_example(example), width - 10), " \\\n      "));
+}
+
+std::string paragraph(std::string_view text, std::size_t width = kPageWidth) {
+  return fmt::format("{}\n", fmt::join(wrapped(text, width), "\n"));
+}
+
+std::string prose_text(const std::string& prose, std::size_t width = kPageWidth) {
   std::string text, gathered;
   const auto flush = [&] {
-    if (!gathered.empty()) text += paragraph(gathered);
+    if (!gathered.empty()) text += paragraph(gathered, width);
     gathered.clear();
   };
   std::istringstream lines(prose);
@@ -203,18 +213,27 @@ bool takes_file(const CLI::Option& option) {
 }
 
 std::vector<std::string> wrapped(std::string_view text, std::size_t width) {
-  std::vector<std::string> lines(1);
   std::istringstream words{std::string(text)};
-  for (std::string word; words >> word;) {
-    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > width) lines.emplace_back();
-    lines.back() += (lines.back().empty() ? "" : " ") + word;
+  return lines_of_words({std::istream_iterator<std::string>(words), {}}, width);
+}
+
+Footer footer_of(const CLI::App& app, std::size_t width) {
+  Footer footer;
+  std::string prose;
+  std::istringstream lines(app.get_footer());
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("  haptrace "))
+      footer.examples.push_back(example_text(line, width));
+    else
+      prose += line + "\n";
   }
-  return lines;
+  footer.prose = prose_text(prose, width);
+  return footer;
 }
 
 std::string HelpPage::make_help(const CLI::App* app, std::string, CLI::AppFormatMode mode) const {
   const bool all = mode == CLI::AppFormatMode::All, top = app->get_parent() == nullptr;
-  const FooterParts footer = parts_of_footer(app->get_footer());
+  const Footer footer = footer_of(*app, kPageWidth);
   const std::vector<const CLI::App*> verbs = verbs_of(*app);
 
   std::string usage = top ? "haptrace" : "haptrace " + full_name(*app);
@@ -226,7 +245,7 @@ std::string HelpPage::make_help(const CLI::App* app, std::string, CLI::AppFormat
   if (!footer.examples.empty()) text += fmt::format("\nExamples:\n{}\n", fmt::join(footer.examples, "\n"));
   text += verb_list(*app);
   text += option_list(*app, all);
-  if (!footer.prose.empty()) text += "\n" + prose_text(footer.prose);
+  if (!footer.prose.empty()) text += "\n" + footer.prose;
   if (!verbs.empty())
     text += "\n" + paragraph(fmt::format("haptrace help {} explains one of them.",
                                          top ? "VERB" : full_name(*app) + " EXPERIMENT"));

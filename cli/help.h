@@ -26,8 +26,18 @@ bool takes_file(const CLI::Option& option);
 /// Breaks a text at blanks into lines of at most `width` columns, if possible.
 std::vector<std::string> wrapped(std::string_view text, std::size_t width);
 
+/// The footer of a verb: examples, and the prose around them.
+struct Footer {
+  std::vector<std::string> examples;  ///< each with an indent of two, on one line or on several that a shell joins
+  std::string prose;
+};
+
+/// Returns the footer in lines of at most `width` columns, if possible. No line of an example ends inside quotes. The
+/// examples are the lines of a footer that begin with two blanks and the command.
+Footer footer_of(const CLI::App& app, std::size_t width);
+
 /// Prints help in 80 columns: the purpose of a verb, its usage and examples, then its common options; with --help-all,
-/// every option. The examples are the lines of a verb's footer that begin with two blanks.
+/// every option.
 class HelpPage final : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override;

@@ -77,6 +77,17 @@ void refuse_extras(const CLI::App& verb) {
   }
 }
 
+/// Rejects an unknown option before the verb.
+void refuse_early_options(const CLI::App& app, const std::vector<std::string>& words) {
+  for (const std::string& word : words) {
+    if (word == "--" || !word.starts_with('-')) return;
+    const std::string name = word.substr(0, word.find('='));
+    if (app.get_option_no_throw(name) == nullptr)
+      throw input_error(fmt::format("unknown option '{}'. A verb's options follow the verb; see haptrace --help{}",
+                                    name, suggestion(name, option_names(app))));
+  }
+}
+
 /// Rejects texts that are not UTF-8: texts go into recordings, JSON and reports, which are UTF-8, as are file names.
 void refuse_invalid_texts(const CLI::App& verb) {
   for (const CLI::Option* option : verb.get_options())
@@ -153,7 +164,7 @@ std::vector<Verb> add_verbs(CLI::App& app) {
 std::vector<std::string> words_of(int argc, char** argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   if (words.empty() || words.front() != "help") return words;
-  words.erase(words.begin());
+  while (!words.empty() && words.front() == "help") words.erase(words.begin());
   words.emplace_back("--help");
   return words;
 }
@@ -178,6 +189,7 @@ int run(int argc, char** argv) {
   for (const Verb& verb : verbs) {
     verb.app->allow_extras();
     accept_units(*verb.app);
+    if (verb.app->get_name() == "completion") continue;  // prints one text, which has no other form
     verb.app->add_flag("--json", output.json, "print one JSON object with numbers in SI units")->group("Output");
     verb.app->add_flag("-q,--quiet", output.quiet, "print no summary and no progress")->group("Output");
     verb.app->add_option("--config", config, "read options from this JSON file (the command line takes precedence)")
@@ -187,6 +199,7 @@ int run(int argc, char** argv) {
 
   try {
     std::vector<std::string> words = words_of(argc, argv);
+    refuse_early_options(app, words);
     if (!words.empty() && words[0][0] != '-' && std::find(names.begin(), names.end(), words[0]) == names.end())
       throw input_error(fmt::format("unknown verb '{}'{}", words[0], suggestion(words[0], names)));
     std::reverse(words.begin(), words.end());

@@ -218,6 +218,10 @@ INSTANTIATE_TEST_SUITE_P(
     Usage, Mistakes,
     testing::Values(
         Mistake{"UnknownVerb", {"recrod"}, 2, {"unknown verb 'recrod'", "did you mean 'record'"}},
+        Mistake{"UnknownOptionBeforeTheVerb",
+                {"--nonsense"},
+                2,
+                {"unknown option '--nonsense'", "--version", "see haptrace --help"}},
         Mistake{"UnknownOption", {"play", "SQUARE", "--spede", "2"}, 2, {"unknown option '--spede'", "'--speed'"}},
         Mistake{"UnknownDevice", {"play", "SQUARE", "--device", "smi"}, 2, {"smi", "did you mean 'sim'"}},
         Mistake{"UnknownPreset", {"play", "SQUARE", "--device", "sim:preset=falkon"}, 2, {"falkon", "'falcon'"}},

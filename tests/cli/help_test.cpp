@@ -78,6 +78,25 @@ TEST(HelpPages, FitAScreenAndBeginWithExamples) {
   }
 }
 
+TEST(HelpPages, BreakNoExampleInsideQuotes) {
+  for (const std::string& verb : verb_names())
+    for (const std::string& line : lines_of(help_of(verb)))
+      if (line.ends_with('\\')) EXPECT_EQ(std::count(line.begin(), line.end(), '\'') % 2, 0) << verb << ": " << line;
+}
+
+TEST(HelpPages, MarkAnArgumentThatMayBeLeftOut) {
+  EXPECT_THAT(help_of("devices"), HasSubstr("Usage: haptrace devices [NAME[:...]] [OPTIONS]"));
+  EXPECT_THAT(help_of("completion"), HasSubstr("Usage: haptrace completion SHELL [PAGE] [OPTIONS]"));
+  EXPECT_THAT(help_of("average"), HasSubstr("Usage: haptrace average FILE... [OPTIONS]"));
+}
+
+TEST(HelpPages, OfferOnlyOptionsThatHaveAnEffect) {
+  EXPECT_THAT(help_of("completion", "--help-all"), Not(HasSubstr("--json")));
+  const Answer answer = haptrace("completion", "bash", "--json");
+  EXPECT_EQ(answer.exit_code, 2);
+  EXPECT_THAT(answer.err, HasSubstr("unknown option '--json' of haptrace completion"));
+}
+
 TEST(HelpPages, ShowEveryOptionWithHelpAll) {
   EXPECT_THAT(help_of("play"), Not(HasSubstr("--interpolation")));
   EXPECT_THAT(help_of("play"), HasSubstr("--help-all"));
@@ -97,6 +116,7 @@ TEST(HelpPages, DescribeOptionsInPlainWords) {
 
 TEST(HelpPages, AreAlsoPrintedByTheVerbHelp) {
   EXPECT_EQ(haptrace("help").out, haptrace("--help").out);
+  EXPECT_EQ(haptrace("help", "help").out, haptrace("--help").out);
   EXPECT_EQ(haptrace("help", "play").out, haptrace("play", "--help").out);
   EXPECT_EQ(haptrace("help", "stability", "map").out, haptrace("stability", "map", "--help").out);
   const Answer unknown = haptrace("help", "plai");
@@ -154,6 +174,11 @@ TEST(Completion, WorksInBash) {
   EXPECT_EQ(complete("haptrace stability ensemble --dr"), "--draws\n");
   EXPECT_EQ(complete("haptrace plot '" + folder.path() + "/comp'"), file + "\n");
   EXPECT_EQ(complete("haptrace play x.h5 --kp 1"), "\n") << "a number has no completion";
+  EXPECT_EQ(complete("haptrace h"), "help\n");
+  EXPECT_EQ(complete("haptrace help cal"), "calibrate\n");
+  EXPECT_EQ(complete("haptrace --v"), "--version\n");
+  EXPECT_EQ(complete("haptrace shape s"), "square\nspiral\nscript\n");
+  EXPECT_EQ(complete("haptrace completion f"), "fish\n");
 }
 
 TEST(Completion, IsWellFormedInZshAndFish) {
@@ -167,10 +192,15 @@ TEST(Completion, IsWellFormedInZshAndFish) {
     EXPECT_EQ(run_script(program, {"-n", file}), "");
   }
   if (std::filesystem::exists("/usr/bin/fish")) {
-    const std::string completed =
-        run_script("/usr/bin/fish",
-                   {"--no-config", "-c", "source " + (folder / "fish") + "; complete -C 'haptrace stability ma'"});
-    EXPECT_THAT(completed, HasSubstr("map\t"));
+    const auto complete = [&](const std::string& words) {
+      return run_script("/usr/bin/fish",
+                        {"--no-config", "-c", "source " + (folder / "fish") + "; complete -C '" + words + "'"});
+    };
+    EXPECT_THAT(complete("haptrace stability ma"), HasSubstr("map\t"));
+    EXPECT_THAT(complete("haptrace he"), HasSubstr("help\t"));
+    EXPECT_THAT(complete("haptrace help cal"), HasSubstr("calibrate\t"));
+    EXPECT_THAT(complete("haptrace --ver"), HasSubstr("--version\t"));
+    EXPECT_THAT(complete("haptrace shape sp"), HasSubstr("spiral"));
   }
   if (tried == 0) GTEST_SKIP() << "neither zsh nor fish is installed";
 }
@@ -190,9 +220,14 @@ TEST(ManualPages, ExistForEveryVerbAndAreWellFormed) {
     ASSERT_TRUE(std::filesystem::exists(page)) << page;
   }
   EXPECT_EQ(haptrace("completion", "man", "haptrace-play").out, test::read_bytes(folder / "haptrace-play.1"));
+  EXPECT_THAT(test::read_bytes(folder / "haptrace-play.1"), HasSubstr(".SH EXAMPLES\n"));
   if (!std::filesystem::exists("/usr/bin/groff")) GTEST_SKIP() << "groff is not installed";
   for (const auto& page : std::filesystem::directory_iterator(folder.path()))
     EXPECT_EQ(run_script("/usr/bin/groff", {"-man", "-ww", "-z", "-Tutf8", page.path()}), "") << page;
+  for (const auto& page : std::filesystem::directory_iterator(folder.path()))
+    for (const std::string& line :
+         lines_of(run_script("/usr/bin/groff", {"-man", "-Tascii", "-P-cbou", "-rLL=78n", page.path()})))
+      EXPECT_LE(line.size(), 80U) << page << ": " << line;
 }
 
 TEST(Output, HasNoColour) {
