@@ -12,7 +12,8 @@ Verb add_check(CLI::App& app) {
   const auto partial = std::make_shared<bool>(false);
   CLI::App* verb = app.add_subcommand("check", "check a recording against the file format");
   verb->footer(
-      "Prints each problem and its location. The exit code is 2 if one of them is an error.\n"
+      "Prints each finding and its location: a note, a warning or a problem. The exit code is 2 if there is a\n"
+      "problem.\n"
       "  haptrace check played.h5");
   verb->add_option("file", *file, "recording (HDF5)")->type_name("FILE.h5");
   add_partial(*verb, *partial);
@@ -35,7 +36,7 @@ Verb add_check(CLI::App& app) {
         const auto problems = std::count_if(findings.begin(), findings.end(), [](const Finding& finding) {
           return finding.severity == Severity::problem;
         });
-        text += problems > 0 ? fmt::format("{}: {} problems\n", input.name(), problems)
+        text += problems > 0 ? fmt::format("{}: {} problem{}\n", input.name(), problems, problems == 1 ? "" : "s")
                              : fmt::format("{}: valid\n", input.name());
         output.tell({{"file", *file}, {"valid", problems == 0}, {"findings", std::move(list)}}, text);
         return problems > 0 ? kBadInput : kDone;

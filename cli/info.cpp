@@ -91,7 +91,8 @@ std::string text_of(const RecordingContents& contents) {
                                    ? fmt::format("; the wall clock drifted by {:+.3g} ppm from the monotonic clock",
                                                  1e6 * clocks["drift"].get<double>())
                                    : std::string()));
-  line("device", fmt::format("{} ({})", header.device_name, header.device_model));
+  line("device", header.device_model.empty() ? header.device_name
+                                             : fmt::format("{} ({})", header.device_name, header.device_model));
   line("samples", fmt::format("{} in {:.3f} s", summary.rows, summary.duration()));
   line("rate", fmt::format("{:.2f} Hz on average, {:g} Hz requested, {} clock", summary.mean_rate(), header.rate_hz,
                            header.clock));

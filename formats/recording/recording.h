@@ -294,7 +294,7 @@ struct Finding {
 };
 
 /// Validates a file against the format, and all parts if it is the first one. Returns nothing if it conforms. A missing
-/// part is an error, or a warning if the recording is known to be `partial`.
+/// part is a problem, or a warning if the recording is known to be `partial`.
 /// Memory does not grow with the file's length. `progress` receives the share of the rows that is done, 0 to 1. Throws
 /// Error(input) only if the file cannot be read at all.
 std::vector<Finding> check_recording(const std::string& file, const std::function<void(double)>& progress = {},

@@ -40,6 +40,13 @@ TEST(TheCommand, ShowsItsVersionAndHelpWithEveryVerb) {
   }
 }
 
+TEST(TheCommand, PrintsNoDeviceOfAFileWithoutOne) {
+  const TempFolder folder;
+  const Answer info = haptrace("info", square(folder));
+  EXPECT_EQ(info.exit_code, 0) << info.err;
+  EXPECT_THAT(info.out, AllOf(HasSubstr("samples"), Not(HasSubstr("\n  device "))));
+}
+
 TEST(TheCommand, RecordsASimulatedHandAndPlaysItBackOnAnotherDevice) {
   const TempFolder folder;
   const std::string path = square(folder);
