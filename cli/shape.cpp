@@ -32,7 +32,9 @@ Verb add_shape(CLI::App& app) {
   verb->add_option("--duration", shape.duration, "time of one turn [s]")->capture_default_str();
   verb->add_option("--turns", shape.turns, "number of turns")->capture_default_str();
   verb->add_option("--blend", shape.blend, "corner radius of the square [m] (0: sharp)")->capture_default_str();
-  verb->add_option("--centre,--center", arguments->centre, "centre of the shape: x y z [m]")->expected(3);
+  verb->add_option("--centre,--center", arguments->centre, "centre of the shape: X,Y,Z [m]")
+      ->expected(3)
+      ->delimiter(',');
   verb->add_option("--plane", shape.plane, "plane of the shape: xy | yz | zx")->capture_default_str();
   verb->add_option("--angle", shape.angle, "direction of line and reach in the plane [rad]")->capture_default_str();
   verb->add_option("--sample-rate", shape.rate_hz, "sample rate of the path [Hz]")->capture_default_str();

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/units.h"
 
 #include <algorithm>
 #include <array>
@@ -272,7 +273,8 @@ double parse_parameter(std::string_view spec, const Kind& kind, std::string_view
   if (!kind.parameter)
     throw input_error(fmt::format("velocity estimator '{}': {} takes no parameter", spec, kind.name));
   const Parameter& p = *kind.parameter;
-  const auto value = number_of<double>(text);
+  std::optional<double> value = number_of<double>(text);
+  if (constexpr std::string_view kHertz = " Hz"; !value && p.unit == kHertz) value = parse_quantity(text, "Hz");
   if (!value || !(*value >= p.least && *value <= p.most) || (p.whole && *value != std::floor(*value)))
     throw input_error(fmt::format("velocity estimator '{}': the {} must be a {}number from {} to {}{}, as in '{}:{}'",
                                   spec, p.name, p.whole ? "whole " : "", p.least, p.most, p.unit, kind.name, p.usual));

@@ -51,9 +51,9 @@ class VelocityEstimator {
 /// is the difference from the Nyquist frequency on. Its gains are those of Kalata, IEEE Trans. Aerospace and Electronic
 /// Systems 20(2), 1984.
 ///
-/// `resolution` [m] is the position resolution, the noise band of foaw; with 0, foaw is the difference. Coefficients
-/// are computed for 1 / rate_hz, and again when dt changes. Throws Error(input) naming the part of the spec, or the
-/// argument, that is out of its range.
+/// A frequency may have a unit, as in lowpass:1kHz. `resolution` [m] is the position resolution, the noise band of
+/// foaw; with 0, foaw is the difference. Coefficients are computed for 1 / rate_hz, and again when dt changes. Throws
+/// Error(input) naming the part of the spec, or the argument, that is out of its range.
 std::unique_ptr<VelocityEstimator> make_velocity_estimator(std::string_view spec, double rate_hz, double resolution);
 
 /// Returns the names that a spec may have.

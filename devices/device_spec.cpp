@@ -2,10 +2,12 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/units.h"
 
 #include <cstdint>
 #include <fmt/format.h>
 #include <limits>
+#include <optional>
 #include <type_traits>
 
 namespace haptrace {
@@ -67,7 +69,9 @@ Number DeviceSpec::number(const std::string& key, Number least, Number most, Num
   const auto found = options.find(key);
   if (found == options.end()) return otherwise;
   const std::string& value = found->second;
-  const auto number = number_of<Number>(value);
+  std::optional<Number> number = number_of<Number>(value);
+  if constexpr (std::is_floating_point_v<Number>)
+    if (!number && !unit.empty()) number = parse_quantity(value, unit);
   if (number && *number >= least && *number <= most) return *number;
   const bool bounded = most < std::numeric_limits<Number>::max();
   throw input_error(fmt::format("{}: {}: expected a {}number from {}{}{}{}, found '{}'", where(), key,

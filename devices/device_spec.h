@@ -27,7 +27,8 @@ struct DeviceSpec {
   [[nodiscard]] bool flag(const std::string& key, bool otherwise = false) const;
 
   /// Returns an option as a double, int or std::uint64_t. Throws Error(input) naming the range unless it is a number
-  /// from `least` to `most`; for the integer types it must be whole.
+  /// from `least` to `most`; for the integer types it must be whole. A double may have a unit of the quantity whose SI
+  /// unit is `unit`, as in 20ms, and is returned in SI.
   template <class Number>
   [[nodiscard]] Number number(const std::string& key, Number least, Number most, Number otherwise,
                               std::string_view unit = "") const;

@@ -151,6 +151,10 @@ TEST(Quantities, SpellTheCentreEitherWay) {
   ASSERT_EQ(haptrace("shape", "line", "--centre", "10mm", "0", "0", "-o", folder / "a.csv").exit_code, 0);
   ASSERT_EQ(haptrace("shape", "line", "--center", "0.01", "0", "0", "-o", folder / "b.csv").exit_code, 0);
   EXPECT_EQ(test::read_bytes(folder / "a.csv"), test::read_bytes(folder / "b.csv"));
+  ASSERT_EQ(haptrace("shape", "line", "--centre", "1cm,0,0", "-o", folder / "d.csv").exit_code, 0);
+  EXPECT_EQ(test::read_bytes(folder / "a.csv"), test::read_bytes(folder / "d.csv"));
+  EXPECT_EQ(haptrace("shape", "line", "--centre", "1cm,0", "-o", folder / "e.csv").exit_code, 2);
+  EXPECT_EQ(haptrace("shape", "line", "--centre", "1cm,0,0,0", "-o", folder / "e.csv").exit_code, 2);
   const std::string config = folder.write("c.json", R"({"center": [0.01, 0, 0]})");
   ASSERT_EQ(haptrace("shape", "line", "--config", config, "-o", folder / "c.csv").exit_code, 0);
   EXPECT_EQ(test::read_bytes(folder / "a.csv"), test::read_bytes(folder / "c.csv"));

@@ -462,6 +462,19 @@ std::string refusal(const std::string& spec, double rate = 1000, double resoluti
   return "nothing was thrown";
 }
 
+TEST(VelocityEstimator, TakesAFrequencyWithItsUnit) {
+  for (const auto& [with, without] : {std::pair{"lowpass:100Hz", "lowpass:100"},
+                                      {"lowpass:0.25kHz", "lowpass:250"},
+                                      {"alpha-beta-gamma:60 Hz", "alpha-beta-gamma:60"}}) {
+    const auto one = make_velocity_estimator(with, 1000, 0), other = make_velocity_estimator(without, 1000, 0);
+    for (int i = 0; i < 100; ++i) {
+      const Vec3 position = Vec3::Constant(1e-5 * i * i);
+      EXPECT_EQ(one->update(position, 1e-3), other->update(position, 1e-3)) << with;
+    }
+  }
+  EXPECT_THAT(refusal("foaw:8Hz"), HasSubstr("the window must be a whole number"));
+}
+
 TEST(VelocityEstimator, RefusesAnInvalidSpecWithAReason) {
   EXPECT_EQ(
       refusal("low-pass:80"),
@@ -472,7 +485,7 @@ TEST(VelocityEstimator, RefusesAnInvalidSpecWithAReason) {
   EXPECT_EQ(refusal("lowpass:0"),
             "velocity estimator 'lowpass:0': the cut-off must be a number from 0.1 to 100000 Hz, as in 'lowpass:100'");
   for (const char* bad :
-       {"lowpass:", "lowpass:-1", "lowpass:nan", "lowpass:inf", "lowpass:1e9", "lowpass:80Hz", "lowpass:8:8"})
+       {"lowpass:", "lowpass:-1", "lowpass:nan", "lowpass:inf", "lowpass:1e9", "lowpass:80mm", "lowpass:8:8"})
     EXPECT_THAT(refusal(bad), HasSubstr("the cut-off must be a number from 0.1 to 100000 Hz")) << bad;
   for (const char* bad : {"foaw:0", "foaw:2.5", "foaw:257", "foaw:1e99", "foaw:x"})
     EXPECT_THAT(refusal(bad), HasSubstr("the window must be a whole number from 1 to 256 steps")) << bad;

@@ -37,6 +37,16 @@ TEST(DeviceSpec, GivesTheRestOfTheTextToOptions) {
   EXPECT_THAT(spec.options, ElementsAre(Pair("options", R"({"a":1,"b":[2,3],"path":"x=y"})"), Pair("path", "./a.so")));
 }
 
+TEST(DeviceSpec, ReadsAQuantityWithItsUnit) {
+  const DeviceSpec spec = DeviceSpec::parse("sim:step=50us,lost_at=2s,lost_for=0.5,force=3kg,speed=2s");
+  EXPECT_DOUBLE_EQ(spec.number("step", 0.0, 1.0, 0.0, "s"), 50e-6);
+  EXPECT_EQ(spec.number("lost_at", 0.0, 10.0, 0.0, "s"), 2);
+  EXPECT_EQ(spec.number("lost_for", 0.0, 10.0, 0.0, "s"), 0.5);
+  EXPECT_THROW((void)spec.number("force", 0.0, 10.0, 0.0, "N"), Error) << "a mass is no force";
+  EXPECT_THROW((void)spec.number("speed", 0.0, 10.0, 0.0), Error) << "a factor has no unit";
+  EXPECT_THROW((void)spec.number("lost_at", 0.0, 1.0, 0.0, "s"), Error) << "2 s are more than 1 s";
+}
+
 TEST(DeviceSpec, NamesThePartItCannotRead) {
   EXPECT_THAT(refusal(""), HasSubstr("no name"));
   EXPECT_THAT(refusal(":preset=a"), HasSubstr("no name"));
