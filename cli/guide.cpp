@@ -393,7 +393,7 @@ void end_training(LivePage& page, const GuideResult& result) {
 /// Runs the verb and returns its exit code.
 int guide_command(const CLI::App& verb, Arguments& arguments, const Output& output) {
   GuideOptions options = checked_options(verb, arguments);
-  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
+  const std::vector<std::string> of_scene = arguments.scene.apply(options.session, output);
 
   const InputFile input(arguments.expert, arguments.csv);
   ExpertRecording opened = open_with_force(arguments, input, output);

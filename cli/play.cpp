@@ -430,7 +430,7 @@ LearnedMemory recall_learned(const PlayArguments& arguments, const DeviceInfo& d
 /// Runs the verb and returns its exit code.
 int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& output) {
   PlayOptions options = checked_options(verb, arguments);
-  const std::vector<std::string> of_scene = arguments.scene.apply(options.session);
+  const std::vector<std::string> of_scene = arguments.scene.apply(options.session, output);
 
   const InputFile input(arguments.path, arguments.csv);
   const bool forgets = has_no_memory(arguments, input);

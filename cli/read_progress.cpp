@@ -3,8 +3,11 @@
 #include "base/printable.h"
 #include "cli/terminal.h"
 
+#include <condition_variable>
 #include <cstdio>
 #include <fmt/format.h>
+#include <mutex>
+#include <stop_token>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -12,6 +15,23 @@ namespace {
 
 constexpr auto kPatience = std::chrono::milliseconds(300);
 constexpr auto kPeriod = std::chrono::milliseconds(100);
+
+/// Shows the line of a WaitingLine until `stop`.
+void wait_for(const std::string& step, const std::stop_token& stop) {
+  using std::chrono::seconds, std::chrono::steady_clock;
+  const steady_clock::time_point start = steady_clock::now();
+  std::mutex mutex;
+  std::condition_variable_any wake;
+  std::unique_lock lock(mutex);
+  bool told = false;
+  const auto stopped = [&] { return stop.stop_requested(); };
+  for (auto next = start + kPatience; !wake.wait_until(lock, stop, next, stopped); next += seconds(1)) {
+    const auto so_far = std::chrono::round<seconds>(steady_clock::now() - start);
+    show_line({{0, step}, {1, so_far.count() > 0 ? fmt::format("{} s", so_far.count()) : ""}});
+    told = true;
+  }
+  if (told) clear_line();
+}
 
 }  // namespace
 
@@ -44,6 +64,11 @@ void ReadProgress::tell(std::uint64_t rows_done) {
 void ReadProgress::tell_share(double done, const std::string& note) {
   if (!due()) return;
   show_line({{3, meter(done)}, {0, fmt::format("{:3.0f} %", 100 * done)}, {1, printable(file_)}, {2, note}});
+}
+
+WaitingLine::WaitingLine(const Output& output, const std::string& step) {
+  if (output.quiet || output.json || isatty(STDERR_FILENO) == 0) return;
+  thread_ = std::jthread([step = printable(step)](const std::stop_token& stop) { wait_for(step, stop); });
 }
 
 }  // namespace haptrace::cli

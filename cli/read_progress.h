@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <string>
+#include <thread>
 
 namespace haptrace::cli {
 
@@ -36,6 +37,18 @@ class ReadProgress {
   std::uint64_t rows_;
   bool shown_, told_ = false;
   std::chrono::steady_clock::time_point next_;
+};
+
+/// A line on standard error, if that is a terminal, for a step whose share that is done is not known: it states the
+/// step and its seconds so far. It appears after a moment, and is shown by a thread of its own. Nothing else may be
+/// printed during its lifetime; the destructor removes it. It is silent with --quiet and --json.
+class WaitingLine {
+ public:
+  /// `step` names what takes its time, for example "reading scene.json".
+  WaitingLine(const Output& output, const std::string& step);
+
+ private:
+  std::jthread thread_;
 };
 
 }  // namespace haptrace::cli

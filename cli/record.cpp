@@ -105,7 +105,7 @@ int record_command(const CLI::App& verb, const RecordArguments& arguments, const
   refuse_useless(verb, std::to_array<Dependence>({{"--pause", arguments.count > 1, "--count"},
                                                   {"--up", arguments.session.support > 0, "--support"}}));
   RecordOptions options = options_of(arguments, verb);
-  TrialNotes notes(arguments, arguments.scene.apply(options.session), options, output);
+  TrialNotes notes(arguments, arguments.scene.apply(options.session, output), options, output);
   options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
     const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
     return profile ? std::optional(profile->plant) : std::nullopt;

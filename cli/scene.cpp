@@ -1,6 +1,7 @@
 #include "scene/scene.h"
 
 #include "base/error.h"
+#include "cli/read_progress.h"
 #include "cli/verb.h"
 #include "plot/shaded.h"
 #include "scene/scene_file.h"
@@ -44,11 +45,19 @@ Verb add_scene(CLI::App& app) {
   verb->add_option("--rate", arguments->rate, "rate of the servo loop [Hz]")->capture_default_str();
   return {verb, [verb, arguments](const Output& output) {
             require(*verb, "file");
-            const std::shared_ptr<Scene> scene = load_scene(arguments->file);
-            const SceneReport report = report_scene(*scene, arguments->rate);
-            if (!arguments->picture.empty())
+            const std::shared_ptr<Scene> scene = [&] {
+              const WaitingLine line(output, "reading " + arguments->file);
+              return load_scene(arguments->file);
+            }();
+            const SceneReport report = [&] {
+              const WaitingLine line(output, "measuring the time of a tick");
+              return report_scene(*scene, arguments->rate);
+            }();
+            if (!arguments->picture.empty()) {
+              const WaitingLine line(output, "drawing " + arguments->picture);
               draw_shaded(drawn(*scene), std::filesystem::path(arguments->file).filename().string(), arguments->picture,
                           arguments->overwrite);
+            }
             nlohmann::json json = to_json(report);
             json["file"] = arguments->file;
             if (!arguments->picture.empty()) json["picture"] = arguments->picture;

@@ -1,6 +1,7 @@
 #include "cli/scene_options.h"
 
 #include "base/error.h"
+#include "cli/read_progress.h"
 #include "scene/scene.h"
 #include "scene/scene_file.h"
 #include "scene/slow_scene.h"
@@ -23,13 +24,16 @@ void TouchArguments::add_to(CLI::App& app) {
       ->group("Scene");
 }
 
-std::vector<std::string> TouchArguments::apply(SessionOptions& session) const {
+std::vector<std::string> TouchArguments::apply(SessionOptions& session, const Output& output) const {
   if (file.empty()) {
     if (rate != 0 || !prediction.empty())
       throw input_error("--scene-rate and --prediction apply to a scene; give a --scene as well");
     return {};
   }
-  session.touch.scene = load_scene(file);
+  session.touch.scene = [&] {
+    const WaitingLine line(output, "reading " + file);
+    return load_scene(file);
+  }();
   if (rate == 0) {
     if (!prediction.empty())
       throw input_error(

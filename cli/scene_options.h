@@ -1,6 +1,7 @@
 // Options for the scene that the hand touches in a session.
 #pragma once
 
+#include "cli/verb.h"
 #include "devices/device.h"
 #include "player/session.h"
 
@@ -17,9 +18,9 @@ struct TouchArguments {
 
   void add_to(CLI::App& app);
 
-  /// Reads the scene into the options, and returns notes for the user. Throws Error(input) that names the option, or
-  /// the file and the place in it.
-  [[nodiscard]] std::vector<std::string> apply(SessionOptions& session) const;
+  /// Reads the scene into the options, shows on a terminal that it does, and returns notes for the user. Throws
+  /// Error(input) that names the option, or the file and the place in it.
+  [[nodiscard]] std::vector<std::string> apply(SessionOptions& session, const Output& output) const;
 };
 
 /// Returns a note on the objects of the session's scene that the device cannot reach, if there are any.

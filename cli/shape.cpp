@@ -1,5 +1,6 @@
 #include "base/error.h"
 #include "cli/path_options.h"
+#include "cli/read_progress.h"
 #include "cli/verb.h"
 #include "control/path/shapes.h"
 #include "formats/path/path_file.h"
@@ -51,9 +52,13 @@ Verb add_shape(CLI::App& app) {
                   "--angle {:g}: is in radians and more than a full turn; {:g} degrees are "
                   "{:.4g} rad",
                   arguments->shape.angle, arguments->shape.angle, arguments->shape.angle * std::numbers::pi / 180));
-            Path path = make_shape(arguments->name, arguments->shape);
-            arguments->change.change().apply(path);
-            save_path(path, arguments->file, arguments->name, arguments->overwrite);
+            const Path path = [&] {
+              const WaitingLine line(output, "writing " + arguments->file);
+              Path made = make_shape(arguments->name, arguments->shape);
+              arguments->change.change().apply(made);
+              save_path(made, arguments->file, arguments->name, arguments->overwrite);
+              return made;
+            }();
             const Vec3 size = path.bounds().size();
             output.tell({{"file", arguments->file},
                          {"samples", path.size()},

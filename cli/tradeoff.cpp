@@ -373,8 +373,11 @@ Budget budget_of(const CLI::App& verb, const TradeoffArguments& arguments) {
 }
 
 /// Throws Error(input) if the scene or its budget cannot be read, before minutes of measurements.
-void check_scene(const TradeoffArguments& arguments) {
-  if (!arguments.scene.empty()) (void)load_scene(arguments.scene);
+void check_scene(const TradeoffArguments& arguments, const Output& output) {
+  if (!arguments.scene.empty()) {
+    const WaitingLine line(output, "reading " + arguments.scene);
+    (void)load_scene(arguments.scene);
+  }
   if (arguments.scene_budget.empty()) return;
   if (arguments.scene.empty()) throw input_error("--scene-budget bounds a scene: give its --scene too");
   (void)parse_scene_budget(arguments.scene_budget);
@@ -410,7 +413,7 @@ class TradePicture {
 int tradeoff_command(const CLI::App& verb, const TradeoffArguments& arguments, const Output& output) {
   const Budget budget = budget_of(verb, arguments);
   const TradeFiles files = files_of(arguments);
-  check_scene(arguments);
+  check_scene(arguments, output);
   const Signals signals;
   Workbench bench(workplace(arguments, output, signals.stop()));
   const TradeOptions options = options_of(arguments, bench);

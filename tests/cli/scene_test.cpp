@@ -8,9 +8,23 @@
 #include <algorithm>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fstream>
+#include <sys/stat.h>
 
 namespace haptrace {
 namespace {
+
+TEST(SceneCommand, ShowsOnATerminalThatItReadsAFile) {
+  const TempFolder folder;
+  const std::string slow = folder / "slow.json";  // a pipe, whose text comes late
+  ASSERT_EQ(mkfifo(slow.c_str(), 0600), 0);
+  Command command({"scene", slow}, Command::Input::terminal);
+  ASSERT_TRUE(command.says("reading "));
+  std::ofstream(slow) << load_text(std::string(HAPTRACE_SAMPLES) + "/scenes/sphere.json");
+  const Answer answer = command.wait();
+  EXPECT_EQ(answer.exit_code, 0) << answer.err;
+  EXPECT_THAT(answer.out, HasSubstr("valid"));
+}
 
 TEST(RecordScene, LetsAHandTouchTheObjectsOfAFileAndReportsTheTouches) {
   const TempFolder folder;
