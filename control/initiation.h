@@ -7,7 +7,7 @@
 
 namespace haptrace {
 
-/// Who began a repetition with a back wall.
+/// Start of the movement in a repetition with a back wall: by the trainee, or by the wall.
 enum class Initiator : std::uint8_t {
   none,    ///< the trainee did not move, not even when the wall pushed
   self,    ///< the trainee moved before the wall pushed

@@ -42,8 +42,8 @@ struct PressFigures {
 struct TrackFigures {
   double rms = 0;  ///< root mean square over time of the distance from the target [m]
   /// Gain g and delay tau of the hand at the frequencies of the target: g s(t - tau) is nearest to the sines of these
-  /// frequencies in the hand's movement along the line (least squares). Of a hand that moved with less than kLeastGain
-  /// of the target, the delay is undefined.
+  /// frequencies in the hand's movement along the line (least squares). The delay of a hand that moved with less than
+  /// kLeastGain of the target is undefined.
   std::optional<double> gain, delay;  ///< [1], [s]
 
   static constexpr double kLeastGain = 0.1;

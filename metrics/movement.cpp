@@ -174,7 +174,7 @@ double person_work(const EvenTrial& movement, const PlantModel& plant, const For
   return kinetic(movement.last) - kinetic(movement.first) + friction - gravity - (device.assist - device.resist);
 }
 
-/// Computes SPARC. Of a longer movement every eighth sample is enough: that is 12 samples in a period of the low pass.
+/// Computes SPARC. Every eighth sample of a longer movement is enough: that is 12 samples in a period of the low pass.
 std::optional<double> sparc_of(std::span<const double> speed, double step, const MovementOptions& options) {
   constexpr std::size_t kEnough = 256, kMostStride = 8;
   const std::size_t stride = std::clamp<std::size_t>(speed.size() / kEnough, 1, kMostStride);

@@ -74,8 +74,8 @@ struct MovementFigures {
 /// The velocity is the central difference of the result. So the metrics do not depend on the sampling of the movement:
 /// from 250 Hz to 4 kHz, also with uneven stamps, they change by less than 2 %. Position counts of 0.05 mm change them
 /// by no more, with one exception: in movements slower than 20 cm in about 1.5 s, such counts have more jerk than the
-/// hand. Then log_jerk measures the counts; sparc does not. Of movements longer than 256 samples, sparc takes at most
-/// every eighth one: 12 in a period of the low pass.
+/// hand. Then log_jerk measures the counts; sparc does not. In movements longer than 256 samples, sparc takes at most
+/// every eighth sample: 12 in a period of the low pass.
 ///
 /// Returns nothing when nothing moves, with fewer than 3 positions, and when positions are missing for longer than
 /// `max_gap`. The metrics of a force are also undefined when that force is missing for longer. Rows that are not finite

@@ -52,8 +52,8 @@ class TimeLine {
   Series series_, block_;
 };
 
-/// A curve in space that is thinned while it grows. Of every bin of points it keeps the first and the extremes in every
-/// axis, in order, and one break if there is any.
+/// A curve in space that is thinned while it grows. It keeps the first point of every bin and the extremes in
+/// every axis, in order, and one break if there is any.
 class SpaceLine {
  public:
   explicit SpaceLine(std::uint64_t rows) : span_(rows <= kPoints ? 1 : (rows + kBins - 1) / kBins) {}

@@ -189,7 +189,7 @@ std::size_t index_of(std::string_view name) {
   return static_cast<std::size_t>(&trial_figure(name) - all_trial_figures().data());
 }
 
-/// Returns whether a metric of a repetition counts in a trend. Of a partial one only its completion does.
+/// Returns whether a metric of a repetition counts in a trend. Only the completion of a partial one does.
 bool counts(const ReportTrial& trial, std::size_t figure) {
   return trial.finished() || (trial.out_of_time() && figure == index_of("completion"));
 }

@@ -53,8 +53,8 @@ struct ReportTrial {
   std::vector<double> force;  ///< magnitude of the felt force along the path, mean of each cell [N]; NaN where none
 
   [[nodiscard]] bool finished() const { return stopped_by == "finished"; }
-  /// Returns whether time ran out. Such a repetition has metrics of the part that was done. Of these, only completion
-  /// counts in a trend; in a summary it ranks below every finished repetition.
+  /// Returns whether time ran out. Such a repetition has metrics of the part that was done. Only its completion counts
+  /// in a trend; in a summary it ranks below every finished repetition.
   [[nodiscard]] bool out_of_time() const { return stopped_by == "time_over"; }
   /// Returns the end in words, with the share of the path that a repetition covered which ran out of time.
   [[nodiscard]] std::string end_in_words() const;

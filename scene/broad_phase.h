@@ -9,8 +9,8 @@
 
 namespace haptrace {
 
-/// Finds the boxes that a box meets. Few boxes are compared one by one. Of many, those that are small are found through
-/// a hash grid (Teschner et al. 2003), so that the cost depends on how many are near, not on how many there are.
+/// Finds the boxes that a box meets. Few boxes are compared one by one. If there are many, a hash grid finds the small
+/// ones (Teschner et al. 2003), so that the cost depends on how many are near, not on how many there are.
 ///
 /// Real-time: near. Threads: one at a time.
 class BroadPhase {

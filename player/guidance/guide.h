@@ -92,8 +92,8 @@ GuidePlan plan_guidance(const DeviceInfo& device, std::shared_ptr<const PathSour
 
 /// Metrics of one repetition, over phase run.
 ///
-/// A repetition whose time is over counts as a partial one. Whatever its other metrics are, it ranks below every
-/// finished one (is_better).
+/// A repetition whose time is over counts as a partial one. It ranks below every finished one, independent of its other
+/// metrics (is_better).
 struct GuideFigures {
   TrackingFigures tracking;              ///< the error is the distance from the path
   double time_in_tunnel = kNaN;          ///< share of the samples; NaN without samples or tunnel

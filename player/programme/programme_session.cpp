@@ -659,7 +659,7 @@ class ProgrammeRun {
     const std::string recording = file(trial.file);
     std::vector<RecordedTrial> runs = read_trials(RecordingReader(recording), recording);
     if (runs.empty()) return nullptr;
-    // What was before a lost device does not count, if no cue came after it.
+    // The movement before a lost device does not count, if no cue came after it.
     if (without_cue) runs.back() = {.kind = TrialKind::reach, .reach = runs.back().reach};
     std::optional<PlantModel> plant;
     if (identified_) plant = identified_->plant;
