@@ -462,8 +462,8 @@ Verb add_tradeoff(CLI::App& app) {
       "Plays the path on the device in virtual time with every accuracy setting varied by itself, then in\n"
       "combinations. A real device does not move: its profile is simulated. With --budget, the configuration that\n"
       "keeps it is written to a file for --config of play, guide and record.\n"
-      "Bounds: error, peak [mm]; force, ripple [N]; margin (>=); tick [us]; instructions; load [MIPS]; start [ms];\n"
-      "bytes [MB/h].\n"
+      "Bounds: error, peak [mm]; force, ripple [N]; margin (>=); tick [us]; instructions; load (MIPS, million\n"
+      "instructions a second); start [ms]; bytes [MB/h].\n"
       "  haptrace tradeoff circle.h5 -d sim:preset=falcon,hand=relaxed -o tradeoff.json\n"
       "  haptrace tradeoff circle.h5 -d falcon --budget 'error<=0.1mm, ripple<=0.3N' --explain -o tradeoff.json\n"
       "  haptrace play circle.h5 -d falcon --config tradeoff-config.json");

@@ -122,7 +122,7 @@ GreyImage load_pgm(const std::string& file, std::FILE* stream, bool text) {
     std::uint64_t value = 0;
     if (text) {
       if (!next_number(stream, value))
-        throw input_error(fmt::format("{}: pixel {} of {} is missing or is no number", file, i, count));
+        throw input_error(fmt::format("{}: pixel {} of {} is missing or is not a number", file, i, count));
     } else {
       const int high = wide ? std::fgetc(stream) : 0, low = std::fgetc(stream);
       if (high == EOF || low == EOF) throw input_error(fmt::format("{}: ends at pixel {} of {}", file, i, count));

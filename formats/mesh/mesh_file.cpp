@@ -64,7 +64,7 @@ TriangleMesh load_obj(const std::string& file) {
   std::string joined;
   for (std::string_view line; lines.next(line);) {
     line = trim(line);
-    if (line.ends_with('\\')) {  // goes on in the next line
+    if (line.ends_with('\\')) {  // continues in the next line
       joined.append(line.substr(0, line.size() - 1)).push_back(' ');
       continue;
     }
@@ -91,7 +91,7 @@ TriangleMesh load_obj(const std::string& file) {
     }
     joined.clear();
   }
-  if (!joined.empty()) throw lines.error("the line goes on, but the file ends");
+  if (!joined.empty()) throw lines.error("the line continues, but the file ends");
   const auto count = static_cast<std::int64_t>(mesh.vertices.size());
   std::vector<std::uint32_t> polygon;
   for (std::size_t f = 0; f < faces.size(); ++f) {

@@ -136,7 +136,7 @@ const TypeRow& row_of(ValueType type) noexcept {
   return kRows[static_cast<std::size_t>(type)];
 }
 
-/// Returns whether the text goes on after the values.
+/// Returns whether the text continues after the values.
 bool read_text(const ValueSource& source, std::size_t count, std::vector<float>& values) {
   Bytes bytes(source);
   std::vector<char> buffer(1U << 16U);
@@ -145,7 +145,7 @@ bool read_text(const ValueSource& source, std::size_t count, std::vector<float>&
     double number = 0;
     if (!parse_number(word, number))
       throw input_error(
-          fmt::format("{}: value {} (from 0) is '{}', which is no number", source.file, values.size(), shown(word)));
+          fmt::format("{}: value {} (from 0) is '{}', which is not a number", source.file, values.size(), shown(word)));
     add(source, number, values);
     word.clear();
   };

@@ -146,7 +146,7 @@ class NrrdHeader {
     while (!(rest = trim(rest)).empty()) {
       const std::string_view word = rest.substr(0, rest.find_first_of(" \t"));
       double number = 0;
-      if (!parse_number(word, number)) throw error(key, fmt::format("'{}' is no number", shown(word)));
+      if (!parse_number(word, number)) throw error(key, fmt::format("'{}' is not a number", shown(word)));
       numbers.push_back(number);
       rest.remove_prefix(word.size());
     }
@@ -306,7 +306,7 @@ Header read_nrrd(const std::string& file, std::string& data_file, std::vector<st
   (void)nrrd.require("sizes", "sizes");
   for (const double size : nrrd.numbers("sizes")) {
     if (!(size >= 1 && size < 1e18) || size != std::floor(size))
-      throw nrrd.error("sizes", fmt::format("{} is no number of samples", size));
+      throw nrrd.error("sizes", fmt::format("{} is not a number of samples", size));
     header.sizes.push_back(static_cast<std::uint64_t>(size));
   }
   const std::string type(trim(lower_case(nrrd.require("type", "type"))));
@@ -582,7 +582,7 @@ VolumeLoad load_volume(const std::string& file, const std::string& unit) {
   check_place(file, load.data, load.remarks);
   VolumeValues values = read_values(header.source, count);
   if (values.more)
-    load.remarks.push_back(fmt::format("{} goes on after its {} x {} x {} values; are its sizes and its type right?",
+    load.remarks.push_back(fmt::format("{} continues after its {} x {} x {} values; are its sizes and its type right?",
                                        header.source.file, header.sizes[0], header.sizes[1], header.sizes[2]));
   load.data.values = std::move(values.numbers);
   return load;

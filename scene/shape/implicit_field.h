@@ -24,7 +24,8 @@ class Field {
   [[nodiscard]] virtual Interval over(const Box& box) const noexcept = 0;
 };
 
-/// The field of an expression in x, y, z. Where the expression is no number, as the root of a negative one, is outside.
+/// The field of an expression in x, y, z. Where the expression is not a number, as the root of a negative one, is
+/// outside.
 class ExpressionField final : public Field {
  public:
   explicit ExpressionField(Expression expression) : expression_(std::move(expression)) {}

@@ -676,7 +676,7 @@ TEST(MeshFiles, AreRefusedWithTheReason) {
               HasSubstr("a.obj:5: the face names vertex 9, but there are 3"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n"), HasSubstr("a.obj:4: '0' is no vertex of a face"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3x\n"), HasSubstr("'3x' is no vertex of a face"));
-  EXPECT_THAT(error("a.obj", "v 0 0 0\nf 1 1 \\"), HasSubstr("a.obj:2: the line goes on"));
+  EXPECT_THAT(error("a.obj", "v 0 0 0\nf 1 1 \\"), HasSubstr("a.obj:2: the line continues"));
   EXPECT_THAT(error("a.obj", "v 0 0\n"), HasSubstr("a.obj:1: '' is no coordinate"));
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n"), HasSubstr("a.obj:3: 'nan' is no coordinate"));
   EXPECT_THAT(error("a.stl", "solid nothing"), HasSubstr("a.stl"));

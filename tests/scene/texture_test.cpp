@@ -172,7 +172,7 @@ TEST(ExpressionTexture, IsRefusedWithTheReason) {
   const auto error = [&](const std::string& height) { return error_of([&] { (void)texture_of(keys(height)); }); };
   EXPECT_THAT(error("sin(x)"), testing::AllOf(HasSubstr("height: column 5"), HasSubstr("known: u, v, pi")));
   EXPECT_THAT(error("sin(u*100)"), testing::AllOf(HasSubstr("height: the height is"), HasSubstr("metres")));
-  EXPECT_THAT(error("1/(u-u)"), HasSubstr("height: the height is no number"));
+  EXPECT_THAT(error("1/(u-u)"), HasSubstr("height: the height is not a number"));
   EXPECT_THAT(error_of([] { (void)texture_of(R"("kind": "expression", "height": "u")"); }), HasSubstr("wavelength"));
   const Texture broken = texture_of(keys("1e-6*log(u)"));
   EXPECT_EQ(broken.height->at({-0.01, 0, 0}, 0).value, 0) << "no height where it is not finite";

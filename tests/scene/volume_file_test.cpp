@@ -179,10 +179,10 @@ TEST(VolumeFile, SaysThatTheFileGoesOnAfterItsValues) {
     return testing::PrintToString(load_volume(folder.write("a.nrrd", content), "mm").remarks);
   };
   const std::string text = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: text\n\n1 2 3 4 5 6 7 8";
-  EXPECT_THAT(remarks(nrrd("sizes: 2 2 2", std::string(9, 'x'))), HasSubstr("goes on after its 2 x 2 x 2 values"));
-  EXPECT_THAT(remarks(text + " 9"), HasSubstr("goes on after its 2 x 2 x 2 values"));
+  EXPECT_THAT(remarks(nrrd("sizes: 2 2 2", std::string(9, 'x'))), HasSubstr("continues after its 2 x 2 x 2 values"));
+  EXPECT_THAT(remarks(text + " 9"), HasSubstr("continues after its 2 x 2 x 2 values"));
   for (const std::string& whole : {nrrd("sizes: 2 2 2", std::string(8, 'x')), text, text + " \n"})
-    EXPECT_THAT(remarks(whole), testing::Not(HasSubstr("goes on")));
+    EXPECT_THAT(remarks(whole), testing::Not(HasSubstr("continues")));
 }
 
 TEST(VolumeFile, NamesTheFileThePlaceAndTheMistake) {
@@ -201,8 +201,8 @@ TEST(VolumeFile, NamesTheFileThePlaceAndTheMistake) {
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2", "", "complex")), HasSubstr("convert it to int8, uint8"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2", eight)), HasSubstr("states 2 sizes"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 8 1 1", eight)), HasSubstr("1 sample along axis 2"));
-  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 -2", eight)), HasSubstr("line 6: -2 is no number of samples"));
-  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 nan", eight)), HasSubstr("no number of samples"));
+  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 -2", eight)), HasSubstr("line 6: -2 is not a number of samples"));
+  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 nan", eight)), HasSubstr("not a number of samples"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 4096 4096 4096", eight)), HasSubstr("the most is 536 million"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 4294967296 4294967296 2", eight)), HasSubstr("the most is 536 million"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 500 500 500", eight)), HasSubstr("too few for 125000000 values"));
@@ -213,7 +213,7 @@ TEST(VolumeFile, NamesTheFileThePlaceAndTheMistake) {
               HasSubstr("line 7: expected a direction"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\nspacings: 1 0 1", eight)), HasSubstr("do not span the space"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\nspacings: 1 1e300 1", eight)), HasSubstr("larger than 1000 km"));
-  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\nspacings: 1 x 1", eight)), HasSubstr("line 7: 'x' is no number"));
+  EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\nspacings: 1 x 1", eight)), HasSubstr("line 7: 'x' is not a number"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\ndata file: LIST", eight)), HasSubstr("join them into one"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\ndata file: gone.raw", eight)), HasSubstr("gone.raw: no such file"));
   EXPECT_THAT(error("a.nrrd", nrrd("sizes: 2 2 2\nsizes: 2 2 2", eight)), HasSubstr("line 7: 'sizes' is there twice"));

@@ -27,7 +27,7 @@ ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping
           height, u, v, most));
     amplitude_ = std::max(amplitude_, height);
   }
-  if (!anywhere) throw input_error(fmt::format("the height is no number at any u and v within {:g} m", kReach));
+  if (!anywhere) throw input_error(fmt::format("the height is not a number at any u and v within {:g} m", kReach));
 }
 
 HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexcept {
