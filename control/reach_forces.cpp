@@ -5,17 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fmt/format.h>
 
 namespace haptrace {
-namespace {
-
-void check_reach(const char* what, double value, double least, double most, const char* unit) {
-  if (value >= least && value <= most) return;
-  throw input_error(fmt::format("{} is {:g} {}; it must be from {:g} to {:g}", what, value, unit, least, most));
-}
-
-}  // namespace
 
 ReachForces::ReachForces(const ReachGeometry& geometry, const Options& options)
     : geometry_(geometry),
@@ -23,16 +14,16 @@ ReachForces::ReachForces(const ReachGeometry& geometry, const Options& options)
       options_(options),
       tank_(options.energy),
       account_(options.delay, options.rate_hz) {
-  check_reach("the distance of the target", geometry.distance(), 1e-3, 10, "m");
-  check_reach("the field's largest entry", options.field.cwiseAbs().maxCoeff(), 0, 1000, "N s/m");
-  check_reach("the largest force of the reach", options.max_force, 0, 1000, "N");
-  check_reach("the energy of the reach", options.energy, 1e-3, 100, "J");
+  check_range("the distance of the target", geometry.distance(), 1e-3, 10, "m");
+  check_range("the field's largest entry", options.field.cwiseAbs().maxCoeff(), 0, 1000, "N s/m");
+  check_range("the largest force of the reach", options.max_force, 0, 1000, "N");
+  check_range("the energy of the reach", options.energy, 1e-3, 100, "J");
   if (!options.clamp) return;
-  check_reach("the stiffness of the clamp", options.clamp->stiffness, 1, 1e6, "N/m");
-  check_reach("the damping of the clamp", options.clamp->damping, 0, 1000, "N s/m");
-  check_reach("the rise time of the clamp", options.clamp->rise, 0.05, 60, "s");
-  check_reach("the break-out distance of the clamp", options.clamp->break_out, 1e-3, 1, "m");
-  check_reach("the time for which the clamp holds", options.clamp->holds, 0.1, 60, "s");
+  check_range("the stiffness of the clamp", options.clamp->stiffness, 1, 1e6, "N/m");
+  check_range("the damping of the clamp", options.clamp->damping, 0, 1000, "N s/m");
+  check_range("the rise time of the clamp", options.clamp->rise, 0.05, 60, "s");
+  check_range("the break-out distance of the clamp", options.clamp->break_out, 1e-3, 1, "m");
+  check_range("the time for which the clamp holds", options.clamp->holds, 0.1, 60, "s");
 }
 
 void ReachForces::begin() noexcept {

@@ -19,11 +19,6 @@ constexpr double kQuiet = 0.5,
 constexpr double kCarries = 0.9;     // share of the break-out within which a lock carries an arm
 constexpr double kTankIsLow = 0.5;   // share of the field below which the tank counts as empty
 
-void check_course(const char* what, double value, double least, double most, const char* unit) {
-  if (value >= least && value <= most) return;
-  throw input_error(fmt::format("{} is {:g} {}; it must be from {:g} to {:g}", what, value, unit, least, most));
-}
-
 }  // namespace
 
 ReachController::ReachController(const ReachTrial& trial, const ReachForces::Options& forces, const ReachCourse& course,
@@ -37,12 +32,12 @@ ReachController::ReachController(const ReachTrial& trial, const ReachForces::Opt
       hand_(hand),
       phases_(1, is_held() ? std::max(course.hold, ReachForces::kDecay) : course.hold, course.approach_speed) {
   validate(pull);
-  check_course("the hold in the start", course.start_hold, 0, 60, "s");
-  check_course("the hold in the target", course.target_hold, 0, 60, "s");
-  check_course("the time limit of a reach", course.time_limit, 0.1, 1e5, "s");
-  check_course("the pause after a reach", course.hold, 0, 3600, "s");
-  check_course("the speed of the approach", course.approach_speed, 1e-3, 10, "m/s");
-  check_course("the largest deviation", course.max_deviation, 1e-3, 100, "m");
+  check_range("the hold in the start", course.start_hold, 0, 60, "s");
+  check_range("the hold in the target", course.target_hold, 0, 60, "s");
+  check_range("the time limit of a reach", course.time_limit, 0.1, 1e5, "s");
+  check_range("the pause after a reach", course.hold, 0, 3600, "s");
+  check_range("the speed of the approach", course.approach_speed, 1e-3, 10, "m/s");
+  check_range("the largest deviation", course.max_deviation, 1e-3, 100, "m");
   if (goal_ == ReachGoal::track && (track_.frequency.empty() || track_.frequency.size() != track_.phase.size()))
     throw input_error("the movement of the target needs at least one sine, and a phase for each");
   if (goal_ != ReachGoal::target) return;
