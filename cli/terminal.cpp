@@ -1,14 +1,14 @@
 #include "cli/terminal.h"
 
+#include "base/printable.h"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
-#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <poll.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -22,7 +22,7 @@ std::atomic<bool> no_room{false};  // standard output ran out of room
 constexpr const char* kReplaceLine = "\r\033[K";
 
 struct CodeRange {
-  std::uint32_t first, last;
+  char32_t first, last;
 };
 // East Asian Width W and F (Unicode 15, UAX #11), merged across gaps with only rare scripts.
 constexpr std::array<CodeRange, 10> kWide{{{0x1100, 0x115F},
@@ -38,19 +38,17 @@ constexpr std::array<CodeRange, 10> kWide{{{0x1100, 0x115F},
 constexpr std::array<CodeRange, 4> kNoWidth{{{0x0300, 0x036F}, {0x200B, 0x200F}, {0x20D0, 0x20FF}, {0xFE00, 0xFE0F}}};
 
 template <class Ranges>
-bool in_one_of(std::uint32_t code, const Ranges& ranges) {
+bool in_one_of(char32_t code, const Ranges& ranges) {
   return std::any_of(ranges.begin(), ranges.end(),
                      [code](const CodeRange& range) { return range.first <= code && code <= range.last; });
 }
 
-/// Returns the number of bytes of a text's first character, and its columns.
-std::pair<std::size_t, int> first_character(std::string_view text) {
-  const auto lead = static_cast<unsigned char>(text.front());
-  const std::size_t bytes = lead < 0xC0 ? 1 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
-  std::uint32_t code = bytes == 1 ? lead : lead & (0xFFU >> (bytes + 1));
-  for (std::size_t i = 1; i < std::min(bytes, text.size()); ++i)
-    code = code << 6U | (static_cast<unsigned char>(text[i]) & 0x3FU);
-  return {std::min(bytes, text.size()), in_one_of(code, kNoWidth) ? 0 : in_one_of(code, kWide) ? 2 : 1};
+/// Returns the number of bytes of a text's first character, and its columns. A byte that is not UTF-8 takes one column.
+std::pair<std::size_t, int> measured_character(std::string_view text) {
+  const Character character = first_character(text);
+  return {std::max<std::size_t>(character.bytes, 1), in_one_of(character.code, kNoWidth) ? 0
+                                                     : in_one_of(character.code, kWide)  ? 2
+                                                                                         : 1};
 }
 
 std::string joined(const std::vector<LinePart>& parts) {
@@ -62,7 +60,7 @@ std::string joined(const std::vector<LinePart>& parts) {
 std::string cut(std::string_view text, int columns) {
   std::size_t end = 0;
   while (end < text.size()) {
-    const auto [bytes, width] = first_character(text.substr(end));
+    const auto [bytes, width] = measured_character(text.substr(end));
     if ((columns -= width) < 0) break;
     end += bytes;
   }
@@ -105,7 +103,7 @@ int terminal_width() {
 int display_width(std::string_view utf8) {
   int width = 0;
   while (!utf8.empty()) {
-    const auto [bytes, columns] = first_character(utf8);
+    const auto [bytes, columns] = measured_character(utf8);
     width += columns;
     utf8.remove_prefix(bytes);
   }
