@@ -52,7 +52,24 @@ std::string reason(const json::exception& error) {
   return std::string(what);
 }
 
+/// Returns null if `object` has no such key, or is no object.
+const json* find_in(const json& object, const char* key) {
+  if (!object.is_object()) return nullptr;
+  const auto found = object.find(key);
+  return found != object.end() ? &*found : nullptr;
+}
+
 }  // namespace
+
+std::string text_in(const json& object, const char* key, const std::string& otherwise) {
+  const json* found = find_in(object, key);
+  return found != nullptr && found->is_string() ? found->get<std::string>() : otherwise;
+}
+
+std::optional<double> number_in(const json& object, const char* key) {
+  const json* found = find_in(object, key);
+  return found != nullptr && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
+}
 
 json parse_json(const std::string& text, const std::string& where) {
   constexpr int kDeepest = 100;             // nlohmann copies and prints its values recursively

@@ -43,6 +43,13 @@ inline nlohmann::json json_of(const Vec3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
+/// Returns a text of `object`, such as the configuration of a recording; `otherwise` if the key is absent, has another
+/// type, or `object` is no object.
+std::string text_in(const nlohmann::json& object, const char* key, const std::string& otherwise = "");
+
+/// Returns a number in the same way, or nothing.
+std::optional<double> number_in(const nlohmann::json& object, const char* key);
+
 /// Reads one JSON object. Ask for every key, then call finish().
 ///
 /// Every getter throws Error(input) if the value has another type or is out of range. The message names the path of the

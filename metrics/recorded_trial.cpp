@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "control/path/path_change.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"
 #include "formats/recording/recording_summary.h"
@@ -22,22 +23,11 @@ constexpr std::array<std::string_view, 10> kTrialColumns{
     "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
     "tunnel_radius", "phase",    "tick"};
 
-/// Returns a text or number of a recording's configuration, or `otherwise`.
-template <class Value>
-Value configured(const nlohmann::json& config, const char* key, Value otherwise) {
-  const auto found = config.is_object() ? config.find(key) : config.end();
-  if (found == config.end()) return otherwise;
-  if constexpr (std::is_same_v<Value, std::string>)
-    return found->is_string() ? found->template get<std::string>() : otherwise;
-  else
-    return found->is_number() ? found->template get<Value>() : otherwise;
-}
-
 TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
   if (header.config.is_object() && header.config.contains("reach")) return TrialKind::reach;
   if (!columns.reference) return TrialKind::free;
   if (!columns.guidance) return TrialKind::passive;
-  return configured<std::string>(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
+  return text_in(header.config, "mode", "tunnel") == "cursor" ? TrialKind::cursor : TrialKind::guided;
 }
 
 /// Builds the curve through `points`, at least one of which is finite, with the forces there. An expert's forces may be
@@ -361,16 +351,15 @@ std::string spoiled_by(const std::vector<StoredEvent>& events, const RecordedTri
 /// Returns what all repetitions of a recording have in common.
 RecordedTrial common_part(const RecordingHeader& header, const RecordingColumns& columns, const std::string& file) {
   const nlohmann::json& config = header.config;
-  RecordedTrial trial{.kind = kind_of(header, columns), .force_scale = configured(config, "force-scale", 1.0)};
+  RecordedTrial trial{.kind = kind_of(header, columns), .force_scale = number_in(config, "force-scale").value_or(1)};
   // Without guidance there is no expert's force to feel, and none is missing.
-  if (configured<std::string>(config, "mode", "") == "free") trial.force_scale = 0;
-  if (configured<std::string>(config, "feel", "active") == "resist") trial.force_scale = -trial.force_scale;
+  if (text_in(config, "mode") == "free") trial.force_scale = 0;
+  if (text_in(config, "feel", "active") == "resist") trial.force_scale = -trial.force_scale;
   if (trial.kind == TrialKind::reach) trial.reach = reach_trial_from(JsonReader(config["reach"], file + ": reach"));
   if (config.is_object() && config.contains("sense"))
     trial.sense = sense_pair_from(JsonReader(config["sense"], file + ": sense"));
-  if (const double force = configured(config, "support", 0.0); force > 0)
-    trial.support =
-        force * parse_vector(configured<std::string>(config, "up", "0,1,0"), "1", file + ": up").normalized();
+  if (const double force = number_in(config, "support").value_or(0); force > 0)
+    trial.support = force * parse_vector(text_in(config, "up", "0,1,0"), "1", file + ": up").normalized();
   return trial;
 }
 

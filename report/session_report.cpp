@@ -260,11 +260,6 @@ std::string device_in_words(const RecordingHeader& header) {
   return in_words(header.device_name, header.device_model);
 }
 
-std::string configured_text(const nlohmann::json& config, const char* key) {
-  const auto found = config.is_object() ? config.find(key) : config.end();
-  return config.is_object() && found != config.end() && found->is_string() ? found->get<std::string>() : "";
-}
-
 std::string mode_of(TrialKind kind, const nlohmann::json& config) {
   switch (kind) {
     case TrialKind::passive:
@@ -272,21 +267,15 @@ std::string mode_of(TrialKind kind, const nlohmann::json& config) {
     case TrialKind::cursor:
       return "cursor";
     case TrialKind::guided:
-      return configured_text(config, "mode") == "free" ? "free" : "tunnel";
+      return text_in(config, "mode") == "free" ? "free" : "tunnel";
     case TrialKind::reach: {
-      const std::string mode = configured_text(config, "mode");
+      const std::string mode = text_in(config, "mode");
       return mode.empty() ? "reach" : mode;
     }
     case TrialKind::free:
       break;
   }
   return "recording";
-}
-
-std::optional<double> configured_number(const nlohmann::json& config, const char* key) {
-  const auto found = config.is_object() ? config.find(key) : config.end();
-  if (!config.is_object() || found == config.end() || !found->is_number()) return std::nullopt;
-  return found->get<double>();
 }
 
 std::optional<double> typical(std::vector<double> values) {
@@ -336,7 +325,7 @@ bool has_no_gap(const Polyline& curve, const std::vector<RecordedTrial>& trials)
 }
 
 std::optional<double> force_limit_of(const RecordingHeader& header) {
-  const std::optional<double> limit = configured_number(header.config, "max-force");
+  const std::optional<double> limit = number_in(header.config, "max-force");
   return limit && *limit > 0 ? limit : std::nullopt;
 }
 
@@ -366,8 +355,7 @@ ReportSession facts_of(const RecordingReader& reader, const RecordingHeader& hea
 /// Returns the exercise of a recording with its repetitions, without figures and curves.
 ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const RecordingHeader& header,
                            const std::string& title, const std::string& name) {
-  const std::string expert = configured_text(header.config, "expert"),
-                    path_name = configured_text(header.config, "path");
+  const std::string expert = text_in(header.config, "expert"), path_name = text_in(header.config, "path");
   ReportExercise exercise{.name = title,
                           .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind, header.config),
                           .path = expert.empty() ? path_name : expert};
@@ -377,10 +365,10 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
     exercise.trials.push_back({.repetition = one.repetition,
                                .file = name,
                                .pace = one.kind == TrialKind::passive || one.kind == TrialKind::cursor
-                                           ? configured_number(header.config, "speed")
+                                           ? number_in(header.config, "speed")
                                            : std::nullopt,
                                .radius = alone ? std::nullopt : typical(one.radius),
-                               .stiffness = guided ? configured_number(header.config, "stiffness") : std::nullopt,
+                               .stiffness = guided ? number_in(header.config, "stiffness") : std::nullopt,
                                .duration = one.time.back() - one.time.front()});
   }
   return exercise;
@@ -474,7 +462,7 @@ std::string path_in_words(const Programme& programme, const Exercise& exercise) 
                        1e3 * exercise.sense->differences.back());
   if (exercise.shape) {
     text = exercise.shape->value("kind", std::string("shape"));
-    if (const auto size = configured_number(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
+    if (const auto size = number_in(*exercise.shape, "size")) text += fmt::format(", {:.4g} mm", 1e3 * *size);
   }
   for (const PathChange& change : {exercise.change, programme.person}) {
     if (const std::string changes = describe(change); !changes.empty()) text += ", " + changes;

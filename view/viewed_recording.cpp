@@ -56,11 +56,6 @@ class StrongestContacts {
 /// Ends the reading of an overview that the file does not have.
 struct NoOverview : std::exception {};
 
-std::string text_in(const nlohmann::json& config, const char* key) {
-  const auto found = config.is_object() ? config.find(key) : config.end();
-  return config.is_object() && found != config.end() && found->is_string() ? found->get<std::string>() : "";
-}
-
 void put_limit(nlohmann::json& limits, const char* name, const nlohmann::json& config, const char* key) {
   if (!config.is_object()) return;
   const auto found = config.find(key);

@@ -127,5 +127,22 @@ TEST(JsonReader, RefusesAnUnknownKeyAndSuggestsTheNearest) {
                {"my.json: key 'stifness' is not known; did you mean 'stiffness'?"});
 }
 
+TEST(TextIn, AnswersWithNothingWhereThereIsNoText) {
+  const json object{{"mode", "free"}, {"support", 2.5}};
+  EXPECT_EQ(text_in(object, "mode"), "free");
+  EXPECT_EQ(text_in(object, "support"), "");
+  EXPECT_EQ(text_in(object, "feel", "active"), "active");
+  EXPECT_EQ(text_in(json::array(), "mode"), "");
+  EXPECT_EQ(text_in(nullptr, "mode"), "");
+}
+
+TEST(NumberIn, AnswersWithNothingWhereThereIsNoNumber) {
+  const json object{{"mode", "free"}, {"support", 2.5}};
+  EXPECT_EQ(number_in(object, "support"), 2.5);
+  EXPECT_EQ(number_in(object, "mode"), std::nullopt);
+  EXPECT_EQ(number_in(object, "speed"), std::nullopt);
+  EXPECT_EQ(number_in(json::array(), "speed"), std::nullopt);
+}
+
 }  // namespace
 }  // namespace haptrace
