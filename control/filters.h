@@ -1,4 +1,4 @@
-// Second-order Butterworth filters for signals sampled at a fixed rate.
+// Low and high passes: first order for any sampling period, and second-order Butterworth filters at a fixed rate.
 #pragma once
 
 #include "base/types.h"
@@ -9,6 +9,30 @@
 #include <type_traits>
 
 namespace haptrace {
+
+/// Returns the share of its distance to a constant input that a first-order low pass moves in `dt`: 1 - exp(-dt / tau).
+/// Both times have one unit, [s] or [ticks].
+///
+/// Real-time.
+inline double low_pass_share(double dt, double time_constant) noexcept {
+  return -std::expm1(-dt / time_constant);
+}
+
+/// Returns the same share of a low pass that is given by its cut-off [Hz], in `dt` [s].
+///
+/// Real-time.
+inline double low_pass_share_at(double cutoff_hz, double dt) noexcept {
+  return -std::expm1(-2 * std::numbers::pi * cutoff_hz * dt);
+}
+
+/// Returns the share of its distance to a new value that a setting moves in `dt` [s], so that a change makes no step in
+/// the force: all but 2 % in 0.2 s. Returns 0 if `dt` is not above 0.
+///
+/// Real-time.
+inline double setting_share(double dt) noexcept {
+  constexpr double kTimeConstant = 0.05;  // [s]
+  return low_pass_share(std::max(0.0, dt), kTimeConstant);
+}
 
 enum class FilterKind { low_pass, high_pass };
 

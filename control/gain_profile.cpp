@@ -1,15 +1,11 @@
 #include "control/gain_profile.h"
 
+#include "control/filters.h"
+
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 namespace haptrace {
-namespace {
-
-constexpr double kTimeConstant = 0.05;  // that of Tuning::approach [s]
-
-}  // namespace
 
 PdGains GainTable::at(double time) const noexcept {
   const double last = static_cast<double>(gains.size() - 1);
@@ -43,7 +39,7 @@ PdGains GainSchedule::shares_at(double time) const noexcept {
 
 PdGains GainSchedule::advance(const PdGains& gains, double time, double dt) noexcept {
   const PdGains wanted = shares_at(time);
-  const double blend = -std::expm1(-std::max(0.0, dt) / kTimeConstant);
+  const double blend = setting_share(dt);
   now_.kp += blend * (wanted.kp - now_.kp);
   now_.kd += blend * (wanted.kd - now_.kd);
   return {gains.kp.cwiseProduct(now_.kp), gains.kd.cwiseProduct(now_.kd)};

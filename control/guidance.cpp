@@ -1,6 +1,7 @@
 #include "control/guidance.h"
 
 #include "base/error.h"
+#include "control/filters.h"
 #include "control/norm.h"
 
 #include <algorithm>
@@ -14,12 +15,6 @@ namespace {
 constexpr std::array kTuned{&GuideTuning::radius_scale, &GuideTuning::radius_offset, &GuideTuning::stiffness,
                             &GuideTuning::damping,      &GuideTuning::force,         &GuideTuning::assist,
                             &GuideTuning::share};
-
-/// Returns the part of the way to its target that a value moves in `dt` [s]: all but 2 % in 0.2 s.
-double blend(double dt) {
-  constexpr double kTimeConstant = 0.05;  // [s]
-  return -std::expm1(-std::max(0.0, dt) / kTimeConstant);
-}
 
 constexpr double kUnnoticedStep = 0.2;  // of the walls' force [N]
 constexpr double kWallsReturn = 0.3;    // in which the share of the walls rises from 0 to 1 [s]
@@ -105,12 +100,12 @@ void Guidance::change_tunnels(const State& state, const PathProjection::Foot& fo
 void Guidance::rest(double dt) noexcept {
   release_ = {};
   spring_.setZero();
-  const double share = blend(dt);
+  const double share = setting_share(dt);
   for (const auto value : kTuned) tuning_.*value += share * (target_.*value - tuning_.*value);
 }
 
 void Guidance::approach(const PathProjection::Foot& foot, double dt) noexcept {
-  const double share = blend(dt);
+  const double share = setting_share(dt);
   double spare = std::max(0.0, tank_.level());
   if (wall_share_ < 1) {
     const double next = std::min(1.0, wall_share_ + dt / kWallsReturn), holds = stored(foot, foot.tube, tuning_);

@@ -1,10 +1,10 @@
 #include "control/hand_watch.h"
 
 #include "base/error.h"
+#include "control/filters.h"
 #include "control/norm.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace haptrace {
 namespace {
@@ -14,7 +14,7 @@ constexpr double kLetGo = 0.7;                                          // share
 constexpr double kSmallestError = 1e-4;                                 // smallest error with a direction [m]
 
 void low_pass(Vec3& state, const Vec3& input, double dt, double time_constant) noexcept {
-  state += -std::expm1(-dt / time_constant) * (input - state);
+  state += low_pass_share(dt, time_constant) * (input - state);
 }
 
 }  // namespace

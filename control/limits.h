@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/types.h"
+#include "control/filters.h"
 #include "control/norm.h"
 #include "control/safety_limits.h"
 
@@ -60,7 +61,7 @@ class ForceLimiter {
   /// Accounts for a force that acted for `dt` [s] of real time, until another force replaced it.
   void acted(const Vec3& force, double dt) noexcept {
     if (!std::isfinite(continuous_)) return;
-    mean_square_ += -std::expm1(-dt / tau_) * (std::min(force.squaredNorm(), kLargest * kLargest) - mean_square_);
+    mean_square_ += low_pass_share(dt, tau_) * (std::min(force.squaredNorm(), kLargest * kLargest) - mean_square_);
   }
 
   /// Takes the mean square that earlier forces left [N^2], `rested` [s] ago.
@@ -108,7 +109,7 @@ class ForceLimiter {
   double mean_square_ = 0;  ///< [N^2]
 };
 
-/// A factor that moves linearly between 0 and 1 over a given time.
+/// A factor that moves linearly between 0 and 1 over a given time. It limits the slew of a force that begins or ends.
 ///
 /// Real-time.
 class Ramp {

@@ -1,5 +1,6 @@
 #include "control/lqg_law.h"
 
+#include "control/filters.h"
 #include "control/norm.h"
 #include "control/state_observer.h"
 
@@ -165,7 +166,7 @@ Vec3 LqgLaw::force(const TermInput& input) noexcept {
 
   rest_.watch(state, reference);
   if (rest_.stands()) {
-    slow_ -= std::expm1(-2 * std::numbers::pi * kLoadAtStandstill * state.dt) * (load - slow_);
+    slow_ += low_pass_share_at(kLoadAtStandstill, state.dt) * (load - slow_);
     offset_ = slow_ - load;
   } else {
     offset_ *= std::exp(-state.dt / Rest::kAwakening);

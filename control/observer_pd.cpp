@@ -1,18 +1,11 @@
 #include "control/observer_pd.h"
 
+#include "control/filters.h"
 #include "control/norm.h"
 
-#include <cmath>
 #include <numbers>
 
 namespace haptrace {
-namespace {
-
-double blend(double dt, double time_constant) {
-  return -std::expm1(-dt / time_constant);
-}
-
-}  // namespace
 
 ObserverPd::ObserverPd(const Options& options)
     : observer_({.mass = options.design.mass,
@@ -45,7 +38,7 @@ Vec3 ObserverPd::force(const TermInput& input) noexcept {
 
   rest_.watch(state, reference);
   const double bandwidth = (rest_.stands() ? Rest::kLeisure : 1.0) * tuning.observer_hz;  // [Hz]
-  load_ += blend(state.dt, 1 / (2 * std::numbers::pi * bandwidth)) * (estimate.load - load_);
+  load_ += low_pass_share(state.dt, 1 / (2 * std::numbers::pi * bandwidth)) * (estimate.load - load_);
   auto [feedback, load] = rest_.forces({spring, damping}, {kRestGains * spring, kRestGains * damping}, load_, state.dt);
   // The force is as noisy as under full gains, and a swing of the device on the friction bristles is noticed in half
   // the time.

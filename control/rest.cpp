@@ -1,5 +1,6 @@
 #include "control/rest.h"
 
+#include "control/filters.h"
 #include "control/norm.h"
 
 #include <algorithm>
@@ -68,7 +69,7 @@ Rest::Forces Rest::forces(const Feedback& moving, const Feedback& resting, const
     forces.load += kept_;
   }
   const double weight = resting_ ? 1 : stands() ? standing_ : 0;
-  weight_ -= std::expm1(-dt / (stands() ? kTransition : kAwakening)) * (weight - weight_);
+  weight_ += low_pass_share(dt, stands() ? kTransition : kAwakening) * (weight - weight_);
   // Keep the force that a softer spring lacks, so that the device stays where it rests.
   forces.feedback = (1 - weight_) * (moving.spring + moving.other) + weight_ * (resting.spring + resting.other) +
                     (weight_ - weight_then_) * spring_;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/types.h"
+#include "control/filters.h"
 
 #include <algorithm>
 #include <array>
@@ -48,8 +49,7 @@ struct Tuning {
   ///
   /// Real-time.
   void approach(const Tuning& target, double dt) noexcept {
-    constexpr double kTimeConstant = 0.05;  // [s]
-    const double blend = -std::expm1(-std::max(0.0, dt) / kTimeConstant);
+    const double blend = setting_share(dt);
     gains.kp += blend * (target.gains.kp - gains.kp);
     gains.kd += blend * (target.gains.kd - gains.kd);
     for (const auto share : {&Tuning::inertia, &Tuning::gravity, &Tuning::friction, &Tuning::observer,

@@ -1,6 +1,7 @@
 #include "control/vibration_monitor.h"
 
 #include "base/error.h"
+#include "control/filters.h"
 
 #include <algorithm>
 #include <cmath>
@@ -49,7 +50,7 @@ RippleEnergy::RippleEnergy(double cutoff_hz, double rate_hz) noexcept
     : first_(cutoff(cutoff_hz, rate_hz), rate_hz),
       second_(cutoff(cutoff_hz, rate_hz), rate_hz),
       rate_hz_(rate_hz),
-      smoothing_(static_cast<float>(-std::expm1(-1 / (kEnergyTime * rate_hz)))) {}
+      smoothing_(static_cast<float>(low_pass_share(1, kEnergyTime * rate_hz))) {}
 
 double RippleEnergy::frequency() const noexcept {
   if (!(energy_ > 0)) return 0;

@@ -3,6 +3,7 @@
 #include "base/enum_names.h"
 #include "base/error.h"
 #include "control/design/tracking_design.h"
+#include "control/filters.h"
 #include "control/path/shapes.h"
 #include "control/ripple.h"
 #include "devices/sim/sim_device.h"
@@ -175,7 +176,7 @@ class OnsetSink final : public TruthSink {
   explicit OnsetSink(const Watched& watched)
       : TruthSink(watched),
         ripple_(kOnsetCutoff, watched.rate_hz),
-        blend_(-std::expm1(-1 / (kOnsetWindow * watched.rate_hz))),
+        blend_(low_pass_share(1, kOnsetWindow * watched.rate_hz)),
         lasting_(std::llround(kLasting * watched.rate_hz)),
         judged_from_(std::llround((kOverdriveHold - kCalmTime) * watched.rate_hz)) {}
 

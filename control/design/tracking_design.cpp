@@ -97,7 +97,7 @@ bool calms_down(const UnitLaw& law, double factor) {
   const double part = delay - static_cast<double>(whole);
   std::vector<double> sent(whole + 2, 0.0);  // newest first
   double x = 0, v = 1, load = 0, sum = 0, late = 0;
-  const double blend = -std::expm1(-2 * std::numbers::pi * kLoad * period);
+  const double blend = low_pass_share_at(kLoad, period);
   observer.start(Vec3::Zero());
   const int ticks = static_cast<int>(60 / (law.w * period)) + 40 * static_cast<int>(whole + 1);
   for (int tick = 0; tick < ticks; ++tick) {

@@ -1,5 +1,6 @@
 #include "control/path/path_projection.h"
 
+#include "control/filters.h"
 #include "control/norm.h"
 
 #include <algorithm>
@@ -64,7 +65,7 @@ const PathProjection::Foot& PathProjection::stand_at(double s, const Vec3& posit
   const double before = std::exchange(foot_.s, s);
   foot_.place = path_->at(s);
   if (dt > 0) {
-    const double blend = -std::expm1(-dt / kSpeedTime);
+    const double blend = low_pass_share(dt, kSpeedTime);
     foot_.speed += blend * ((s - before) / dt - foot_.speed);
     foot_.expert_speed += blend * (foot_.place.speed - foot_.expert_speed);
   }

@@ -1,5 +1,6 @@
 #include "control/path/place_evidence.h"
 
+#include "control/filters.h"
 #include "control/path/place_weights.h"
 
 #include <algorithm>
@@ -184,7 +185,7 @@ Vec3 PlaceEvidence::chord() const noexcept {
 }
 
 bool PlaceEvidence::update(const Vec3& position, double dt) noexcept {
-  slow_ += -std::expm1(-2 * std::numbers::pi * kTremorCutoff * std::max(dt, 0.0)) * (position - slow_);
+  slow_ += low_pass_share_at(kTremorCutoff, std::max(dt, 0.0)) * (position - slow_);
   const double moved = (position - seen(0).position).norm();
   if (!(moved >= step_)) return false;
   newest_ = (newest_ + 1) % seen_.size();
