@@ -134,6 +134,15 @@ std::string duration_text(double seconds) {
   return seconds < 1 ? fmt::format("{:.3g} ms", 1e3 * seconds) : fmt::format("{:.3g} s", seconds);
 }
 
+std::string long_duration_text(double seconds, std::string_view space) {
+  if (seconds < 100) return fmt::format("{:.{}f}{}s", seconds, seconds < 10 ? 1 : 0, space);
+  if (seconds >= 36'000) return fmt::format("{:.0f}{}h", seconds / 3600, space);
+  const long minutes = std::lround(seconds / 60);
+  if (minutes < 100) return fmt::format("{}{}min", minutes, space);
+  const std::string hours = fmt::format("{}{}h", minutes / 60, space);
+  return minutes % 60 == 0 ? hours : fmt::format("{} {}{}min", hours, minutes % 60, space);
+}
+
 std::string lower_case(std::string_view text) {
   std::string result;
   for (std::size_t i = 0; i < text.size(); ++i) {

@@ -31,6 +31,10 @@ std::optional<double> parse_quantity(std::string_view text, std::string_view si)
 /// Returns a duration as text: "850 us" below a millisecond, "12.3 ms" below a second, else "4.56 s".
 std::string duration_text(double seconds);
 
+/// Returns a finite duration of seconds to days as people say it: "4.5 s" below 10 s, "12 s" below 100 s, "8 min" below
+/// 100 min, "2 h 5 min" below 10 h, else "12 h". `space` stands between a number and its unit.
+std::string long_duration_text(double seconds, std::string_view space = " ");
+
 /// Returns `text` in lower case, with the micro sign (UTF-8 or Latin-1) or Greek mu as a u.
 std::string lower_case(std::string_view text);
 

@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/stopwatch.h"
+#include "base/units.h"
 #include "cli/live_page.h"
 #include "cli/path_options.h"
 #include "cli/profile.h"
@@ -38,11 +39,6 @@ struct RunArguments {
 
 constexpr std::string_view kPathMark = "{path}";
 
-std::string minutes(double seconds) {
-  const auto whole = static_cast<long>(std::lround(seconds));
-  return fmt::format("{}:{:02} min", whole / 60, whole % 60);
-}
-
 std::string figures_text(const nlohmann::json& figures) {
   std::string text;
   for (const char* name : {"contour_rms_m", "time_in_tunnel", "movement_time_s", "sparc", "reaction_time_s",
@@ -58,8 +54,8 @@ std::string figures_text(const nlohmann::json& figures) {
 }
 
 std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
-  std::string text =
-      fmt::format("{}: {} repetitions, about {}\n", programme.title, plan.trials.size(), minutes(plan.duration));
+  std::string text = fmt::format("{}: {} repetitions, about {}\n", programme.title, plan.trials.size(),
+                                 long_duration_text(plan.duration));
   if (programme.rounds > 1) text += fmt::format("  {} rounds\n", programme.rounds);
   text += fmt::format("  {:24} {:9} {:>11} {:>9} {:>9} {:>8} {:>8}\n", "exercise", "mode", "repetitions", "path",
                       "each", "rest", "test");
@@ -72,7 +68,7 @@ std::string plan_text(const Programme& programme, const ProgrammePlan& plan) {
                         exercise.test == TestLabel::none ? "" : to_string(exercise.test));
   }
   const ProgrammeLimits& limits = programme.limits;
-  if (limits.time > 0) text += fmt::format("  a sitting ends after {}\n", minutes(limits.time));
+  if (limits.time > 0) text += fmt::format("  a sitting ends after {}\n", long_duration_text(limits.time));
   if (limits.force_dose > 0) text += fmt::format("  a sitting ends after {:.0f} N s of force\n", limits.force_dose);
   if (limits.fatigue)
     text += fmt::format("  a sitting ends when {} repetitions are worse than the best by {:.0f} % ({})\n",
@@ -144,7 +140,8 @@ std::string result_text(const ProgrammeResult& result, const std::string& folder
   std::string text = fmt::format(
       "{}: {} repetitions done{}{}, {} in this sitting, force dose {:.0f} N s\n", folder, finished,
       partial.empty() ? "" : fmt::format(" and {} in part ({} of the path)", partial.size(), fmt::join(partial, ", ")),
-      result.log.complete ? ", the programme is complete" : "", minutes(sitting.duration), sitting.force_dose);
+      result.log.complete ? ", the programme is complete" : "", long_duration_text(sitting.duration),
+      sitting.force_dose);
   for (std::size_t i = 0; i < programme.size(); ++i) {
     const std::string& name = programme.exercise(i).name;
     for (const ReachBlockSummary& block : summarise_blocks(programme, i, result.log))

@@ -1,6 +1,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/output_file.h"
+#include "base/units.h"
 #include "cli/profile.h"
 #include "cli/read_progress.h"
 #include "control/design/identification.h"
@@ -42,7 +43,7 @@ struct Findings {
 
 std::string time_left(double seconds) {
   if (!std::isfinite(seconds)) return "";
-  return seconds < 100 ? fmt::format(", {:.0f} s left", seconds) : fmt::format(", {:.0f} min left", seconds / 60);
+  return fmt::format(", {} left", long_duration_text(seconds));
 }
 
 std::string text_of(const StabilityMap& map, const std::string& device) {

@@ -1,5 +1,6 @@
 #include "report/session_page.h"
 
+#include "base/units.h"
 #include "report/chart.h"
 #include "report/course_page.h"
 #include "report/local_time.h"
@@ -338,10 +339,7 @@ std::string capitalised(std::string text) {
 }
 
 std::string lasting(double seconds) {
-  if (seconds < 100) return fmt::format("{:.{}f}{}s", seconds, seconds < 10 ? 1 : 0, kNarrowSpace);
-  const long minutes = std::lround(seconds / 60);
-  if (minutes < 100) return fmt::format("{}{}min", minutes, kNarrowSpace);
-  return fmt::format("{}{}h {}{}min", minutes / 60, kNarrowSpace, minutes % 60, kNarrowSpace);
+  return long_duration_text(seconds, kNarrowSpace);
 }
 
 std::string mode_in_words(const ReportExercise& exercise) {

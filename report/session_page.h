@@ -32,7 +32,7 @@ std::string mode_in_words(const ReportExercise& exercise);
 /// Returns whether a metric is in the first table; the others are collapsed.
 bool is_main(std::size_t figure);
 
-/// Returns a duration as "12 s", "8 min" or "2 h 5 min".
+/// Returns a duration as "12 s", "8 min" or "2 h 5 min", with spaces that do not break a line.
 std::string lasting(double seconds);
 
 /// Returns `text` with a capital first letter.

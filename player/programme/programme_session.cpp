@@ -4,6 +4,7 @@
 #include "base/output_file.h"
 #include "base/rfc3339.h"
 #include "base/stopwatch.h"
+#include "base/units.h"
 #include "control/event_words.h"
 #include "control/norm.h"
 #include "control/path/min_jerk.h"
@@ -1035,9 +1036,9 @@ ProgrammePlan plan_programme(const Programme& programme, const std::string& fold
   for (const ScheduledTrial& trial : plan.trials) plan.duration += plan.parts[trial.exercise].trial + trial.rest;
   if (programme.limits.time > 0 && plan.duration > programme.limits.time)
     plan.notes.push_back(
-        fmt::format("the programme takes about {:.0f} min, and a sitting lasts at most {:.0f} min: resume it in "
-                    "another sitting with --resume",
-                    plan.duration / 60, programme.limits.time / 60));
+        fmt::format("the programme takes about {}, and a sitting lasts at most {}: resume it in another sitting with "
+                    "--resume",
+                    long_duration_text(plan.duration), long_duration_text(programme.limits.time)));
   return plan;
 }
 

@@ -33,7 +33,7 @@ TEST(RunCommand, PrintsItsPlanWithoutADevice) {
   EXPECT_NEAR(json["duration_s"].get<double>(), 3 * 2.5 + 2 * 0.5, 1e-6);
   EXPECT_EQ(json["exercises"][0]["mode"], "tunnel");
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "the dry run writes no file";
-  EXPECT_THAT(haptrace("run", programme(folder), "--dry-run").out, HasSubstr("3 repetitions, about 0:09 min"));
+  EXPECT_THAT(haptrace("run", programme(folder), "--dry-run").out, HasSubstr("3 repetitions, about 8.5 s"));
   EXPECT_THAT(haptrace("run", programme(folder), "--dry-run", "--device", "sim:preset=omega3", "--scale", "9").err,
               HasSubstr("leaves the workspace"));
 }
