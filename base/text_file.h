@@ -24,7 +24,8 @@ std::string shown(std::string_view text);
 std::string file_ending(const std::string& file);
 
 /// Parses the whole of `field` as a number with a decimal point, and perhaps a sign or an exponent. Accepts "nan" and
-/// "inf". Returns false if `field` is not a number.
+/// "inf". Returns false if `field` is not a number. Unlike number_of(), which reads options, it accepts what other
+/// programs write: a leading "+", and numbers beyond the range of double, which become infinity or close to zero.
 bool parse_number(std::string_view field, double& value);
 
 /// Reads a file in blocks and returns its lines.

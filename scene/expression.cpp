@@ -2,12 +2,12 @@
 
 #include "base/error.h"
 #include "base/suggest.h"
+#include "base/text_file.h"
 
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <cstdlib>
 #include <fmt/format.h>
 #include <numbers>
 
@@ -513,8 +513,9 @@ class Expression::Parser {
       if (at_ < text_.size() && (text_[at_] == '+' || text_[at_] == '-')) ++at_;
       if (digits() == 0) at_ = back;
     }
-    const double value = std::strtod(std::string(text_.substr(begin, at_ - begin)).c_str(), nullptr);
-    if (!std::isfinite(value)) fail_at(begin, "the number is too large");
+    double value = 0;
+    if (!parse_number(text_.substr(begin, at_ - begin), value) || !std::isfinite(value))
+      fail_at(begin, "the number is too large");
     if (at_ < text_.size() && (is_letter(text_[at_]) || text_[at_] == '.'))
       fail(fmt::format("expected an operator after the number {}; write 2*x for twice x",
                        text_.substr(begin, at_ - begin)));

@@ -12,7 +12,6 @@
 #include <assimp/Importer.hpp>
 #include <assimp/scene.h>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -82,10 +81,8 @@ TriangleMesh load_obj(const std::string& file) {
       faces.push_back({lines.number(), corners.size()});
       for (std::string_view word = taken(line); !word.empty() && word[0] != '#'; word = taken(line)) {
         const std::string_view number = word.substr(0, word.find('/'));
-        std::int64_t index = 0;
-        const auto [end, failure] = std::from_chars(number.data(), number.data() + number.size(), index);
-        if (failure != std::errc() || end != number.data() + number.size() || index == 0)
-          throw lines.error(fmt::format("'{}' is no vertex of a face", shown(word)));
+        const std::int64_t index = number_of<std::int64_t>(number).value_or(0);
+        if (index == 0) throw lines.error(fmt::format("'{}' is no vertex of a face", shown(word)));
         corners.push_back(index > 0 ? index - 1 : static_cast<std::int64_t>(mesh.vertices.size()) + index);
       }
     }

@@ -1,10 +1,10 @@
 #include "studies/trade/trade_report.h"
 
 #include "base/json_reader.h"
+#include "base/number.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <fmt/format.h>
 
 namespace haptrace {
@@ -39,7 +39,8 @@ Panel knob_panel(const KnobSweep& sweep, const char* x_label) {
   Series error{.label = "error, rms", .color = 0, .width = 1.6}, peak{.label = "peak", .color = 4},
       ripple{.label = "force ripple", .color = 1}, tick{.label = "tick", .color = 2, .dashed = true};
   for (const KnobLevel& level : sweep.levels) {
-    const double x = std::strtod(level.level.c_str(), nullptr);
+    std::string_view rest = level.level;
+    const double x = take_number<double>(rest).value_or(0);
     if (!level.outcome.ran()) continue;
     for (const auto& [series, value] : {std::pair{&error, level.outcome.error.mean / 1e-3},
                                         {&peak, level.outcome.peak.mean / 1e-3},
