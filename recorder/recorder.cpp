@@ -3,6 +3,8 @@
 #include "base/disk_space.h"
 #include "base/error.h"
 #include "base/number.h"
+#include "base/text_file.h"
+#include "base/units.h"
 #include "formats/documents/warning_json.h"
 #include "recorder/annotations.h"
 #include "recorder/capture.h"
@@ -57,12 +59,6 @@ double seconds_between(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double>(to - from).count();
 }
 
-std::string for_people(double seconds) {
-  if (seconds >= 7200) return fmt::format("{:.0f} h", seconds / 3600);
-  if (seconds >= 120) return fmt::format("{:.0f} min", seconds / 60);
-  return fmt::format("{:.0f} s", seconds);
-}
-
 std::int64_t read_clock(clockid_t clock) {
   timespec now{};
   clock_gettime(clock, &now);
@@ -107,27 +103,23 @@ void check(const RecorderOptions& options) {
 }  // namespace
 
 Split parse_split(std::string_view text) {
-  struct Unit {
+  struct SizeUnit {
     std::string_view name;
-    double factor;
-    bool time;
+    double bytes;
   };
-  static constexpr std::array<Unit, 9> kUnits{{{"s", 1, true},
-                                               {"min", 60, true},
-                                               {"h", 3600, true},
-                                               {"MB", 1e6, false},
-                                               {"GB", 1e9, false},
-                                               {"TB", 1e12, false},
-                                               {"MiB", 0x1p20, false},
-                                               {"GiB", 0x1p30, false},
-                                               {"TiB", 0x1p40, false}}};
-  std::string_view suffix = text;
+  static constexpr std::array<SizeUnit, 6> kSizeUnits{
+      {{"MB", 1e6}, {"GB", 1e9}, {"TB", 1e12}, {"MiB", 0x1p20}, {"GiB", 0x1p30}, {"TiB", 0x1p40}}};
+  std::string_view suffix = trim(text);
   const auto number = take_number<double>(suffix);
-  for (const Unit& unit : kUnits) {
+  suffix = trim(suffix);
+  // A number alone may be a time or a size.
+  if (const auto seconds = parse_quantity(trim(text), "s");
+      seconds && !suffix.empty() && *seconds >= 1 && *seconds <= 1e7)
+    return {.seconds = *seconds};
+  for (const SizeUnit& unit : kSizeUnits) {
     if (!number || suffix != unit.name) continue;
-    const double value = *number * unit.factor;
-    if (unit.time && value >= 1 && value <= 1e7) return {.seconds = value};
-    if (!unit.time && value >= 1e6 && value <= 0x1p50) return {.bytes = static_cast<std::uint64_t>(value)};
+    const double bytes = *number * unit.bytes;
+    if (bytes >= 1e6 && bytes <= 0x1p50) return {.bytes = static_cast<std::uint64_t>(bytes)};
   }
   throw input_error(
       fmt::format("split '{}' is neither a time from 1 s (s, min, h) nor a size from 1 MB (MB, GB, TB, MiB, GiB, TiB); "
@@ -153,7 +145,7 @@ class Recorder::Writer final : private Capture::Output {
     look_at_disk();
     if (const double seconds = disk_seconds_.load(); options.tell_room && seconds > 0 && warnings_told_ == 0)
       warn(Severity::note, "disk_space",
-           fmt::format("{}: the disk has room for {}", output_.part(), for_people(seconds)));
+           fmt::format("{}: the disk has room for {}", output_.part(), long_duration_text(seconds)));
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
 
@@ -497,7 +489,7 @@ class Recorder::Writer final : private Capture::Output {
     while (warnings_told_ < kDiskWarnings.size() && seconds <= kDiskWarnings[warnings_told_]) ++warnings_told_;
     if (warnings_told_ > told_before)
       warn(Severity::warning, "disk_space",
-           fmt::format("{}: the disk has room for {} more", output_.part(), for_people(seconds)));
+           fmt::format("{}: the disk has room for {} more", output_.part(), long_duration_text(seconds)));
     if (disk_low_.load(std::memory_order_relaxed) || space.free > std::min(kDiskFloor, space.total / 100)) return;
     warn(Severity::warning, "disk_space",
          fmt::format("{}: the disk is almost full, {:.1f} MB are left; end the session or make room", output_.part(),

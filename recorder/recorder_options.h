@@ -20,7 +20,8 @@ struct Split {
   [[nodiscard]] bool any() const noexcept { return seconds > 0 || bytes > 0; }
 };
 
-/// Parses "30min", "2h", "90s" or "1GiB", "500MB". Throws Error(input).
+/// Parses a time with a unit that parse_quantity() reads ("30min", "2 h", "90 sec"), or a size ("1GiB", "500 MB").
+/// Throws Error(input).
 Split parse_split(std::string_view text);
 
 /// Part of a session that its recording keeps.

@@ -2,6 +2,8 @@
 
 #include "base/error.h"
 #include "base/number.h"
+#include "base/text_file.h"
+#include "base/units.h"
 
 #include <array>
 #include <cmath>
@@ -11,12 +13,16 @@
 namespace haptrace {
 namespace {
 
+/// Units with SI prefixes, whose case counts: nm is a length, Nm a torque. All other names are those of
+/// parse_quantity().
 struct PrecisionUnit {
-  std::string_view name;
+  std::string_view name, si;
   double Precision::*quantity;
 };
-constexpr std::array<PrecisionUnit, 4> kPrecisionUnits{
-    {{"m/s", &Precision::velocity}, {"Nm", &Precision::torque}, {"N", &Precision::force}, {"m", &Precision::position}}};
+constexpr std::array<PrecisionUnit, 4> kPrecisionUnits{{{"m/s", "m/s", &Precision::velocity},
+                                                        {"Nm", "N m", &Precision::torque},
+                                                        {"N", "N", &Precision::force},
+                                                        {"m", "m", &Precision::position}}};
 
 struct Prefix {
   std::string_view name;
@@ -26,14 +32,23 @@ constexpr std::array<Prefix, 5> kPrefixes{{{"", 1}, {"m", 1e-3}, {"u", 1e-6}, {"
 
 /// Sets the quantity that `part` names. Returns false if it names none.
 bool read_part(std::string_view part, Precision& precision) {
-  const auto number = take_number<double>(part);
-  if (!number || !(*number > 0) || !std::isfinite(*number)) return false;
+  const std::string_view whole = trim(part);
+  std::string_view name = whole;
+  const auto number = take_number<double>(name);
+  name = trim(name);
+  if (!number || !(*number > 0) || !std::isfinite(*number) || name.empty()) return false;
   for (const PrecisionUnit& unit : kPrecisionUnits) {
     for (const Prefix& prefix : kPrefixes) {
-      if (part != std::string(prefix.name) + std::string(unit.name)) continue;
+      if (name != std::string(prefix.name) + std::string(unit.name)) continue;
       precision.*unit.quantity = *number * prefix.factor;
       return true;
     }
+  }
+  for (const PrecisionUnit& unit : kPrecisionUnits) {
+    const auto value = parse_quantity(whole, unit.si);
+    if (!value || !(*value > 0)) continue;
+    precision.*unit.quantity = *value;
+    return true;
   }
   return false;
 }

@@ -19,7 +19,8 @@ struct Precision {
 };
 
 /// Parses "1um,1mN": a positive number, a prefix (n, u or µ, m or none) and a unit (m, m/s, N, Nm) for every quantity
-/// that may be rounded. Empty: no rounding. Throws Error(input) naming the part.
+/// that may be rounded; or a unit of parse_quantity(), as in "2 microns". Empty: no rounding. Throws Error(input)
+/// naming the part.
 Precision parse_precision(std::string_view text);
 
 /// Formats a precision for users and configurations, so that parse_precision() can read it.

@@ -403,9 +403,12 @@ TEST(Split, IsATimeOrASize) {
   EXPECT_EQ(parse_split("30min").seconds, 1800);
   EXPECT_EQ(parse_split("1.5h").seconds, 5400);
   EXPECT_EQ(parse_split("90s").seconds, 90);
+  EXPECT_EQ(parse_split("90sec").seconds, 90);
+  EXPECT_EQ(parse_split("30 min").seconds, 1800);
+  EXPECT_EQ(parse_split("2 GiB").bytes, 2U << 30U);
   EXPECT_EQ(parse_split("1GiB").bytes, 1U << 30U);
   EXPECT_EQ(parse_split("500MB").bytes, 500'000'000U);
-  for (const char* text : {"", "30", "min", "0s", "-1h", "1kB", "30 min", "1e300h", "nans", "infGB", "999kMB"})
+  for (const char* text : {"", "30", "min", "0s", "-1h", "1kB", "30 mm", "1e300h", "nans", "infGB", "999kMB"})
     EXPECT_THAT(test::error_of([&] { (void)parse_split(text); }), HasSubstr("neither a time from 1 s")) << text;
 }
 

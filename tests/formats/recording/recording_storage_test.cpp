@@ -18,6 +18,10 @@ TEST(Precision, IsReadWithEveryPrefixAndUnit) {
   EXPECT_TRUE(parse_precision("").lossless());
   EXPECT_DOUBLE_EQ(parse_precision("1m").position, 1);
   EXPECT_DOUBLE_EQ(parse_precision("1nm").position, 1e-9);
+  EXPECT_DOUBLE_EQ(parse_precision("1 um").position, 1e-6);
+  EXPECT_DOUBLE_EQ(parse_precision("2 microns, 1 mN").position, 2e-6);
+  EXPECT_DOUBLE_EQ(parse_precision("2 microns, 1 mN").force, 1e-3);
+  EXPECT_DOUBLE_EQ(parse_precision("3 N m").torque, 3);
 }
 
 TEST(Precision, ThatMakesNoSenseIsRefusedByName) {
