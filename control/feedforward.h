@@ -2,8 +2,8 @@
 #pragma once
 
 #include "control/design/plant_model.h"
+#include "control/force_term.h"
 #include "control/inertia_map.h"
-#include "control/pd.h"
 
 #include <optional>
 

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "control/force_table.h"
+#include "control/force_term.h"
 #include "control/inertia_map.h"
-#include "control/pd.h"
 
 #include <memory>
 #include <optional>

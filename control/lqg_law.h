@@ -2,8 +2,8 @@
 #pragma once
 
 #include "control/design/lqg_design.h"
+#include "control/force_term.h"
 #include "control/inertia_map.h"
-#include "control/pd.h"
 #include "control/rest.h"
 
 #include <array>

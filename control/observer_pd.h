@@ -2,7 +2,7 @@
 #pragma once
 
 #include "control/design/tracking_design.h"
-#include "control/pd.h"
+#include "control/force_term.h"
 #include "control/rest.h"
 #include "control/state_observer.h"
 

@@ -10,6 +10,7 @@
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/trajectory.h"
+#include "control/pd.h"
 #include "devices/loop/servo_loop.h"
 #include "formats/path/path_thinning.h"
 #include "player/device_path.h"

@@ -17,6 +17,7 @@
 #include "control/path/min_jerk.h"
 #include "control/path/shapes.h"
 #include "control/path/trajectory.h"
+#include "control/pd.h"
 #include "control/ripple.h"
 #include "control/velocity_estimator.h"
 #include "devices/sim/sim_device.h"

@@ -6,6 +6,7 @@
 #include "control/iterative_learning.h"
 #include "control/observer_pd.h"
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "devices/loop/servo_loop.h"
 #include "formats/path/path_source.h"
 #include "player/playback/playback.h"

@@ -1,5 +1,6 @@
 // Tests of the loop with extreme rates, gains, delays, encoder resolutions, forces and clocks.
 #include "control/observer_pd.h"
+#include "control/pd.h"
 #include "devices/loop/clock.h"
 #include "tests/extremes/support.h"
 

@@ -5,6 +5,7 @@
 #include "control/observer_pd.h"
 #include "control/oscillation_monitor.h"
 #include "control/path/place_tracker.h"
+#include "control/pd.h"
 #include "control/ripple.h"
 #include "control/tunnel_wall.h"
 #include "devices/plugin/plugin_device.h"

@@ -3,6 +3,7 @@
 #include "control/guide_terms.h"
 #include "control/path/path_smoothing.h"
 #include "control/path/place_tracker.h"
+#include "control/pd.h"
 #include "control/tunnel_wall.h"
 #include "player/guidance/guidance_controller.h"
 #include "tests/extremes/support.h"

@@ -4,6 +4,7 @@
 
 #include "control/filters.h"
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "control/velocity_estimator.h"
 #include "devices/loop/servo_loop.h"
 #include "devices/sim/sim_device.h"

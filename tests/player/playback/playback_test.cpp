@@ -5,6 +5,7 @@
 #include "control/lqg_law.h"
 #include "control/observer_pd.h"
 #include "control/path/shapes.h"
+#include "control/pd.h"
 #include "player/playback/playback_controller.h"
 #include "player/playback/reference_stream.h"
 #include "tests/player/calibration/identified_device.h"
