@@ -87,10 +87,7 @@ GuideOptions options_of(const Arguments& arguments) {
   const PathArguments& along = arguments.along;
   options.fit = along.fit;
   options.smoothing = along.smoothing;
-  options.guidance.repetitions = along.repetitions();
-  options.guidance.hold = along.hold;
-  options.guidance.approach_speed = along.approach_speed;
-  options.guidance.max_deviation = along.max_deviation;
+  along.apply_to(options.guidance);
   return options;
 }
 

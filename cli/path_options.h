@@ -53,6 +53,15 @@ struct PathArguments {
 
   /// Returns the number of repetitions; 0: until stopped. Throws Error(input) if --repeat is out of range.
   [[nodiscard]] int repetitions() const;
+
+  /// Sets the repetitions in PlaybackOptions or GuidanceOptions. Throws like repetitions().
+  template <class Options>
+  void apply_to(Options& options) const {
+    options.repetitions = repetitions();
+    options.hold = hold;
+    options.approach_speed = approach_speed;
+    options.max_deviation = max_deviation;
+  }
 };
 
 /// Stores in the metadata of the recording, if there is one, what was applied to its path. Stores no empty text.

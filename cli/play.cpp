@@ -128,11 +128,13 @@ Compensations compensations_from(const std::vector<std::string>& without) {
   return with;
 }
 
-LearnedMemory memory_of(const PlayArguments& arguments, const DeviceInfo& info, const PathChange& change,
-                        const Vec3& mass) {
-  const DeviceIdentity device = identity_of(info);
-  return {arguments.learned.empty() ? learned_file(arguments.path, device, describe(change)) : arguments.learned,
-          device, arguments.speed, mass};
+/// Returns the memory of the learned force, if this playback can have one.
+std::optional<LearnedMemory> memory_of(const PlayArguments& arguments, const PlayOptions& options,
+                                       const DeviceInfo& device, const PathChange& change) {
+  return learned_memory_of(device, options,
+                           arguments.learned.empty()
+                               ? learned_file(arguments.path, identity_of(device), describe(change))
+                               : arguments.learned);
 }
 
 double expected_duration(const PlayPlan& plan, const PlaybackOptions& options) {
@@ -188,12 +190,9 @@ PlayOptions options_of(const PlayArguments& arguments) {
   options.smoothing = arguments.along.smoothing;
   options.thin = arguments.thin;
   options.fit = arguments.along.fit;
-  options.playback = {.speed = arguments.speed,
-                      .repetitions = arguments.along.repetitions(),
-                      .hold = arguments.along.hold,
-                      .approach_speed = arguments.along.approach_speed,
-                      .max_deviation = arguments.along.max_deviation,
-                      .on_deviation = parse_deviation_policy(arguments.on_deviation)};
+  options.playback.speed = arguments.speed;
+  arguments.along.apply_to(options.playback);
+  options.playback.on_deviation = parse_deviation_policy(arguments.on_deviation);
   check_range("--learn", arguments.learn, 0, kMostLearned);
   options.learn = arguments.learn;
   if (arguments.learn > 0 && !arguments.along.loop)
@@ -414,17 +413,14 @@ std::vector<std::string> note_plan(const Output& output, const PlayArguments& ar
   return notes;
 }
 
-/// Reads the learned force of the path into the options, unless --forget was given, and returns its memory.
-LearnedMemory recall_learned(const PlayArguments& arguments, const DeviceInfo& device, const PathChange& change,
-                             const PlayPlan& plan, const Output& output, PlayOptions& options) {
-  LearnedMemory memory = memory_of(arguments, device, change, options.identified->design.mass);
-  if (!arguments.forget) {
-    auto [table, refused] = memory.recall(plan.path->source());
-    if (!refused.empty()) note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
-    options.learned = std::move(table);
-  }
+/// Applies what `memory` holds to the plan, unless --forget was given, and checks that it can be kept.
+void recall_learned(LearnedMemory& memory, const PlayArguments& arguments, const DeviceInfo& device,
+                    const std::shared_ptr<const PathSource>& path, const Output& output, PlayOptions& options,
+                    PlayPlan& plan) {
+  if (!arguments.forget)
+    if (const std::string refused = memory.apply(device, path, options, plan); !refused.empty())
+      note_before(output, options.session, "learned", std::span(&refused, 1), Severity::warning);
   if (options.learn > 0) check_learned_output(memory.file());
-  return memory;
 }
 
 /// Runs the verb and returns its exit code.
@@ -454,9 +450,8 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   add_notes(arguments, options, info, of_scene, plan);
   std::ranges::move(note_plan(output, arguments, plan, options), std::back_inserter(notes));
   std::optional<LearnedMemory> memory;
-  if (options.identified && options.compensations.learning && !forgets)
-    memory = recall_learned(arguments, info, change, plan, output, options);
-  if (!options.learned.force.empty()) plan = plan_playback(info, path, options);
+  if (!forgets) memory = memory_of(arguments, options, info, change);
+  if (memory) recall_learned(*memory, arguments, info, path, output, options, plan);
   if (arguments.along.loop && options.session.clock != ClockChoice::real && info.virtual_time)
     output.remark("looping in virtual time until Ctrl+C");
 

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/rfc3339.h"
+#include "player/calibration/device_identity.h"
 #include "player/playback/reference_stream.h"
 
 #include <chrono>
@@ -28,6 +29,14 @@ LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
   return {std::move(learned->table), ""};
 }
 
+std::string LearnedMemory::apply(const DeviceInfo& device, const std::shared_ptr<const PathSource>& path,
+                                 PlayOptions& options, PlayPlan& plan) {
+  Recalled recalled = recall(plan.path->source());
+  options.learned = std::move(recalled.table);
+  if (!options.learned.force.empty()) plan = plan_playback(device, path, options);
+  return recalled.refused;
+}
+
 void LearnedMemory::keep(const PlayResult& result) const {
   int repetitions = repetitions_;
   for (const Lesson& lesson : result.lessons)
@@ -42,6 +51,11 @@ void LearnedMemory::keep(const PlayResult& result) const {
                 .software = software_name(),
                 .table = result.learned},
                file_);
+}
+
+std::optional<LearnedMemory> learned_memory_of(const DeviceInfo& device, const PlayOptions& options, std::string file) {
+  if (!options.identified || !options.compensations.learning) return std::nullopt;
+  return LearnedMemory(std::move(file), identity_of(device), options.playback.speed, options.identified->design.mass);
 }
 
 }  // namespace haptrace

@@ -4,11 +4,19 @@
 #include "formats/documents/learned_force.h"
 #include "player/playback/playback.h"
 
+#include <memory>
+#include <optional>
 #include <string>
 
 namespace haptrace {
 
-/// Loads the forces that earlier sessions learned, for PlayOptions::learned, and stores those of a session in a file.
+/// Loads the forces that earlier sessions learned, for PlayOptions::learned, and stores those of a session in a file:
+///
+///     PlayPlan plan = plan_playback(device->info(), path, options);
+///     std::optional<LearnedMemory> memory = learned_memory_of(device->info(), options, file);
+///     const std::string refused = memory ? memory->apply(device->info(), path, options, plan) : "";
+///     const PlayResult result = play(*device, plan, options, stop);
+///     if (memory && !result.lessons.empty()) memory->keep(result);
 ///
 /// Threads: one at a time. Not real-time.
 class LearnedMemory {
@@ -26,6 +34,11 @@ class LearnedMemory {
   /// recall() is not called, keep() discards what earlier sessions learned.
   Recalled recall(const PathSource& path);
 
+  /// Recalls the forces for the path of `plan` into `options`, and if there are any, plans the playback of `path` again
+  /// with them. Returns the message of Recalled. Throws Error(input) like plan_playback.
+  std::string apply(const DeviceInfo& device, const std::shared_ptr<const PathSource>& path, PlayOptions& options,
+                    PlayPlan& plan);
+
   /// Stores the learned forces of a session and replaces those stored before. `result` must hold lessons. Throws
   /// Error(input) like save_learned.
   void keep(const PlayResult& result) const;
@@ -39,5 +52,9 @@ class LearnedMemory {
   Vec3 mass_;
   int repetitions_ = 0;  ///< repetitions behind the recalled forces
 };
+
+/// Returns the memory in `file` of a playback; none if the device is not identified, or if the force terms are without
+/// the learned force.
+std::optional<LearnedMemory> learned_memory_of(const DeviceInfo& device, const PlayOptions& options, std::string file);
 
 }  // namespace haptrace

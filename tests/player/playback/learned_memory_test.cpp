@@ -50,6 +50,28 @@ TEST(LearnedMemory, PassesLearnedForcesToTheNextSession) {
   EXPECT_GT(load_learned(file)->repetitions, 2) << "on top of those before";
 }
 
+TEST(LearnedMemory, PlansAgainWithTheForcesThatItRecalls) {
+  const TempFolder folder;
+  SimDevice device(test::true_device());
+  PlayOptions options = test::everything();
+  const std::shared_ptr<const PathSource> path = source_of(make_shape("circle", {.size = 0.04, .duration = 1}));
+  PlayPlan plan = plan_playback(device.info(), path, options);
+  EXPECT_FALSE(learned_memory_of(device.info(), {}, folder / "learned.json")) << "the device is not identified";
+  std::optional<LearnedMemory> memory = learned_memory_of(device.info(), options, folder / "learned.json");
+  ASSERT_TRUE(memory);
+  EXPECT_EQ(memory->apply(device.info(), path, options, plan), "");
+  EXPECT_TRUE(options.learned.force.empty()) << "nothing was kept yet";
+  const PlayResult result = play(device, plan, options, StopRequest{});
+  memory->keep(result);
+
+  options.learn = 0;
+  plan = plan_playback(device.info(), path, options);
+  EXPECT_FALSE(plan.composed.learning);
+  EXPECT_EQ(memory->apply(device.info(), path, options, plan), "");
+  EXPECT_EQ(options.learned.force.size(), result.learned.force.size());
+  EXPECT_TRUE(plan.composed.learning);
+}
+
 TEST(LearnedMemory, CountsOnlyTheRepetitionsThatItRecalled) {
   const TempFolder folder;
   const PlayResult session = learned_session();
