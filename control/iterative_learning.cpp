@@ -1,5 +1,6 @@
 #include "control/iterative_learning.h"
 
+#include "base/enum_names.h"
 #include "base/error.h"
 #include "control/zero_phase.h"
 
@@ -43,19 +44,9 @@ std::vector<Vec3> resampled(const std::vector<double>& time, const std::vector<V
 }  // namespace
 
 const char* to_string(LearningOutcome outcome) noexcept {
-  switch (outcome) {
-    case LearningOutcome::learned:
-      return "learned";
-    case LearningOutcome::converged:
-      return "converged";
-    case LearningOutcome::undone:
-      return "undone";
-    case LearningOutcome::softened:
-      return "softened";
-    case LearningOutcome::skipped:
-      return "skipped";
-  }
-  return "unknown";
+  static constexpr EnumNames<LearningOutcome, 5> kOutcomes{"outcome of learning",
+                                                           {"learned", "converged", "undone", "softened", "skipped"}};
+  return kOutcomes.name(outcome);
 }
 
 Vec3 ForceTable::at(double time) const noexcept {

@@ -1,5 +1,6 @@
 #include "control/sample.h"
 
+#include "base/enum_names.h"
 #include "control/event_words.h"
 
 #include <algorithm>
@@ -101,17 +102,8 @@ const EventWords* words_of(EventCode code) noexcept {
 }
 
 const char* to_string(StopSource source) noexcept {
-  switch (source) {
-    case StopSource::page:
-      return "page";
-    case StopSource::lost_page:
-      return "lost_page";
-    case StopSource::command:
-      return "command";
-    case StopSource::user:
-      break;
-  }
-  return "user";
+  static constexpr EnumNames<StopSource, 4> kSources{"source of a stop", {"user", "page", "lost_page", "command"}};
+  return kSources.name(source);
 }
 
 const char* interruption_text(StopSource source) noexcept {

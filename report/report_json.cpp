@@ -1,3 +1,4 @@
+#include "base/enum_names.h"
 #include "base/json_reader.h"
 #include "report/course.h"
 
@@ -5,6 +6,10 @@ namespace haptrace {
 namespace {
 
 using nlohmann::json;
+
+constexpr EnumNames<ReportEvent::Kind, 3> kEventKinds{"kind of event", {"stop", "warning", "mark"}};
+constexpr EnumNames<ReportChange::Verdict, 5> kVerdicts{
+    "verdict", {"undefined", "not_comparable", "error_unknown", "within_error", "beyond_error"}};
 
 json json_of_trial(const ReportTrial& trial) {
   json figures = json::object();
@@ -92,18 +97,6 @@ json json_of_exercise(const ReportExercise& exercise) {
           {"trends", std::move(trends)}};
 }
 
-const char* name_of(ReportEvent::Kind kind) {
-  switch (kind) {
-    case ReportEvent::Kind::stop:
-      return "stop";
-    case ReportEvent::Kind::warning:
-      return "warning";
-    case ReportEvent::Kind::mark:
-      break;
-  }
-  return "mark";
-}
-
 json json_of_session(const ReportSession& session) {
   json sittings = json::array(), exercises = json::array(), events = json::array();
   for (const Sitting& sitting : session.sittings)
@@ -115,7 +108,7 @@ json json_of_session(const ReportSession& session) {
                         {"force_dose_n_s", sitting.force_dose}});
   for (const ReportExercise& exercise : session.exercises) exercises.push_back(json_of_exercise(exercise));
   for (const ReportEvent& event : session.events)
-    events.push_back({{"kind", name_of(event.kind)},
+    events.push_back({{"kind", kEventKinds.name(event.kind)},
                       {"where", event.where},
                       {"time_s", json_of_number(event.time)},
                       {"times", event.times},
@@ -142,26 +135,10 @@ json json_of_session(const ReportSession& session) {
           {"touches", json_of(session.touches)}};
 }
 
-const char* name_of(ReportChange::Verdict verdict) {
-  switch (verdict) {
-    case ReportChange::Verdict::undefined:
-      return "undefined";
-    case ReportChange::Verdict::incomparable:
-      return "not_comparable";
-    case ReportChange::Verdict::unknown:
-      return "error_unknown";
-    case ReportChange::Verdict::none:
-      return "within_error";
-    case ReportChange::Verdict::beyond:
-      break;
-  }
-  return "beyond_error";
-}
-
 json json_of_change(const ReportChange& change) {
   return {{"change", json_of_number(change.change)},
           {"mdc95", json_of_number(change.mdc95)},
-          {"verdict", name_of(change.verdict)},
+          {"verdict", kVerdicts.name(change.verdict)},
           {"words", change.words}};
 }
 
