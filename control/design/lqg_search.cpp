@@ -19,19 +19,6 @@ constexpr EnumNames<Firmness, 3> kFirmnessNames{"firmness", {"quiet", "normal", 
 
 constexpr double kLater = 0.35e-3;  // [s]
 constexpr double kOtherHand = 1.6;  // factor on each of the hand's numbers
-constexpr HandModel kLooseHand{.mass = 0.05,
-                               .grip_stiffness = 200,
-                               .grip_damping = 2,
-                               .arm_stiffness = 5,
-                               .arm_damping = 1,
-                               .arm_relaxation_s = 0.3};
-constexpr HandModel kFirmHand{.mass = 0.3,
-                              .grip_stiffness = 2000,
-                              .grip_damping = 10,
-                              .arm_stiffness = 200,
-                              .arm_damping = 5,
-                              .arm_relaxation_s = 2};
-
 constexpr double kUnstable = 30;
 constexpr double kLearnedNoise = 0.15;  // noise in a learned force, of a plain law's ripple
 constexpr double kLearningGain = 0.8;   // of an error in the load that is learned from it

@@ -80,6 +80,21 @@ inline constexpr double kFarSensitivity = 6;     ///< bound on Ms with other han
 /// The hand that is assumed when none was identified: a relaxed hand.
 inline constexpr HandModel kRelaxedHand{.mass = 0.15, .grip_stiffness = 800, .grip_damping = 4};
 
+/// The hands with which the search bounds Ms. These three hands are those of devices/sim/presets.cpp, the relaxed one
+/// but for its arm; a test compares them.
+inline constexpr HandModel kLooseHand{.mass = 0.05,
+                                      .grip_stiffness = 200,
+                                      .grip_damping = 2,
+                                      .arm_stiffness = 5,
+                                      .arm_damping = 1,
+                                      .arm_relaxation_s = 0.3};
+inline constexpr HandModel kFirmHand{.mass = 0.3,
+                                     .grip_stiffness = 2000,
+                                     .grip_damping = 10,
+                                     .arm_stiffness = 200,
+                                     .arm_damping = 5,
+                                     .arm_relaxation_s = 2};
+
 /// A law's model of a device that nobody holds. Some hand keeps it stable when someone touches it.
 inline constexpr HandModel kHardlyAHand{.mass = 0.02, .grip_stiffness = 200, .grip_damping = 2};
 

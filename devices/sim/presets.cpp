@@ -186,6 +186,7 @@ constexpr Preset kDevices[] = {
 // Ranges: finger 4 to 10 g, 1 to 5 N s/m, 100 to 800 N/m; pen or pinch 0.02 to 0.15 kg, 1 to 8 N s/m, 100 to 1000 N/m;
 // grip of the project's ensemble 0.05 to 0.3 kg, 2 to 10 N s/m, 200 to 2000 N/m before an arm of 5 to 200 N/m that
 // relaxes in 0.3 to 2 s, 1 to 5 N s/m; whole arm 50 to 400 N/m relaxed, up to 1000 N/m co-contracted, 10 to 40 N s/m.
+// The hands relaxed, loose and firm are also in control/design/lqg_search.h; a test compares them.
 // The stiffness with which a hand follows its intent is an estimate within the range of the whole arm.
 constexpr Preset kHands[] = {
     {"relaxed", R"({

@@ -1,4 +1,5 @@
 #include "base/json_reader.h"
+#include "control/design/lqg_search.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/spec.h"
 #include "tests/devices/support.h"
@@ -149,6 +150,26 @@ TEST(SimSpec, MovesLikeThePlantModelThatItWasMadeFrom) {
   EXPECT_THAT(error_of([&] { (void)sim_spec_of(plant, 50); }), HasSubstr("not symmetric"));
   plant.mass.y() = 0;
   EXPECT_THAT(error_of([&] { (void)sim_spec_of(plant, 50); }), HasSubstr("mass above zero"));
+}
+
+TEST(HandPreset, IsTheHandOfTheLqgSearch) {
+  struct Hand {
+    const char* name;
+    HandModel model;
+    bool arm;  // is the same, too
+  };
+  for (const Hand& hand :
+       {Hand{"relaxed", kRelaxedHand, false}, {"loose", kLooseHand, true}, {"firm", kFirmHand, true}}) {
+    SCOPED_TRACE(hand.name);
+    const json preset = hand_preset(hand.name, "");
+    EXPECT_EQ(preset["mass"], hand.model.mass);
+    EXPECT_EQ(preset["grip_stiffness"], hand.model.grip_stiffness);
+    EXPECT_EQ(preset["grip_damping"], hand.model.grip_damping);
+    if (!hand.arm) continue;
+    EXPECT_EQ(preset["arm_stiffness"], hand.model.arm_stiffness);
+    EXPECT_EQ(preset["arm_damping"], hand.model.arm_damping);
+    EXPECT_EQ(preset["arm_relaxation_s"], hand.model.arm_relaxation_s);
+  }
 }
 
 class DevicePreset : public testing::TestWithParam<std::string> {};
