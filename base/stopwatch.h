@@ -7,13 +7,17 @@
 
 namespace haptrace {
 
+/// Returns the time between two readings of the monotonic clock [s]. Real-time.
+inline double seconds_between(std::chrono::steady_clock::time_point from,
+                              std::chrono::steady_clock::time_point to) noexcept {
+  return std::chrono::duration<double>(to - from).count();
+}
+
 /// Measures the time since its construction with the monotonic clock. Real-time.
 class Stopwatch {
  public:
   /// Returns the time since the construction [s].
-  [[nodiscard]] double seconds() const noexcept {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
-  }
+  [[nodiscard]] double seconds() const noexcept { return seconds_between(began_, std::chrono::steady_clock::now()); }
 
  private:
   std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();

@@ -3,6 +3,7 @@
 #include "base/disk_space.h"
 #include "base/error.h"
 #include "base/number.h"
+#include "base/stopwatch.h"
 #include "base/text_file.h"
 #include "base/units.h"
 #include "formats/documents/warning_json.h"
@@ -53,10 +54,6 @@ constexpr std::uint64_t kDiskFloor = 64U << 20U;         // free space below whi
 
 std::size_t rows_in(double seconds, double rate_hz, std::size_t least) {
   return std::max(least, static_cast<std::size_t>(std::ceil(seconds * rate_hz)));
-}
-
-double seconds_between(Clock::time_point from, Clock::time_point to) {
-  return std::chrono::duration<double>(to - from).count();
 }
 
 std::int64_t read_clock(clockid_t clock) {

@@ -3,6 +3,7 @@
 #include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/stopwatch.h"
 #include "control/event_words.h"
 #include "devices/loop/clock.h"
 #include "devices/sim/hand_steering.h"
@@ -39,10 +40,6 @@ constexpr double kMargin = 0.1;       // by which an intention may leave the wor
 constexpr double kHoldSilence = 0.3;  // silence after which a page lets go of the hand [s]
 
 constexpr EnumNames<PageLost, 3> kPageLost{"reaction", {"soften", "stop", "ignore"}};
-
-double seconds_between(Clock::time_point from, Clock::time_point to) {
-  return std::chrono::duration<double>(to - from).count();
-}
 
 void put_known(nlohmann::json& object, const char* key, double value) {
   if (std::isfinite(value)) object[key] = value;

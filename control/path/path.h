@@ -20,6 +20,10 @@ struct Box {
     min = min.cwiseMin(p);
     max = max.cwiseMax(p);
   }
+  void include(const Box& other) {
+    min = min.cwiseMin(other.min);
+    max = max.cwiseMax(other.max);
+  }
   [[nodiscard]] Vec3 size() const { return max - min; }
   [[nodiscard]] Vec3 center() const { return 0.5 * (min + max); }
 };

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -59,10 +60,7 @@ class CsvSource final : public RecordingSource {
   [[nodiscard]] double fraction() const override { return reader_.lines().fraction(); }
 
   std::span<const Sample> next() override {
-    if (!first_taken_)
-      first_taken_ = true;
-    else
-      read_block();
+    if (std::exchange(first_taken_, true)) read_block();
     return block_;
   }
 

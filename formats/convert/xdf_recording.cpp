@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -170,10 +171,7 @@ class XdfSource final : public RecordingSource {
   [[nodiscard]] double fraction() const override { return cursors_.front().cursor.fraction(); }
 
   std::span<const Sample> next() override {
-    if (!first_taken_)
-      first_taken_ = true;
-    else
-      read_block();
+    if (std::exchange(first_taken_, true)) read_block();
     return block_;
   }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <fmt/format.h>
 #include <span>
 
 namespace haptrace {
@@ -87,12 +88,7 @@ Words words_in(std::string_view name) {
 }
 
 std::string joined(std::span<const std::string> words, std::string_view between = "") {
-  std::string text;
-  for (const std::string& word : words) {
-    if (!text.empty()) text += between;
-    text += word;
-  }
-  return text;
+  return fmt::format("{}", fmt::join(words, between));
 }
 
 std::string_view quantity_of(std::string_view word) {

@@ -15,11 +15,6 @@ double to_seconds(std::int64_t ns) {
   return 1e-9 * static_cast<double>(ns);
 }
 
-void include(Box& box, const Box& other) {
-  box.min = box.min.cwiseMin(other.min);
-  box.max = box.max.cwiseMax(other.max);
-}
-
 }  // namespace
 
 void RecordingSummary::join(const RecordingSummary& next) {
@@ -35,7 +30,7 @@ void RecordingSummary::join(const RecordingSummary& next) {
   gaps += next.gaps;
   missed += next.missed;
   longest_interval = std::max({longest_interval, next.longest_interval, to_seconds(next.first_ns - last_ns)});
-  include(bounds, next.bounds);
+  bounds.include(next.bounds);
   const double between = (next.first_position - last_position).norm();
   path_length += next.path_length + (std::isfinite(between) ? between : 0);
   peak_speed = std::max(peak_speed, next.peak_speed);
@@ -46,7 +41,7 @@ void RecordingSummary::join(const RecordingSummary& next) {
 
   runs += next.runs - (ends_in_run && next.begins_in_run ? 1 : 0);
   run_rows += next.run_rows;
-  include(run_bounds, next.run_bounds);
+  run_bounds.include(next.run_bounds);
   run_peak_speed = std::max(run_peak_speed, next.run_peak_speed);
   tracked += next.tracked;
   error2_sum += next.error2_sum;
@@ -86,7 +81,7 @@ void Summariser::add(std::span<const Sample> samples) {
     const auto rows = static_cast<std::size_t>(end - samples.begin());
     const Box bounds = add_stretch(samples.first(rows), run);
     if (run) {
-      include(summary_.run_bounds, bounds);
+      summary_.run_bounds.include(bounds);
       summary_.run_rows += rows;
       summary_.runs += summary_.ends_in_run ? 0 : 1;
     }
@@ -140,7 +135,7 @@ Box Summariser::add_stretch(std::span<const Sample> samples, bool run) {
     if (!window_.known || elapsed >= kSpeedWindow || elapsed < 0) measure_speed(sample);
   }
   summary_.rows += samples.size();
-  include(summary_.bounds, bounds);
+  summary_.bounds.include(bounds);
   summary_.path_length = path_length;
   summary_.last_ns = last_ns;
   summary_.last_tick = last_tick;

@@ -88,12 +88,6 @@ const TypeName* find_type(std::string_view name) {
   return found == kTypeNames.end() ? nullptr : &*found;
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
 // --- NRRD ---
 
 /// A header of an NRRD file: lines of "field: value".
@@ -312,8 +306,8 @@ Header read_nrrd(const std::string& file, std::string& data_file, std::vector<st
   const std::string type(trim(lower_case(nrrd.require("type", "type"))));
   const TypeName* const known = find_type(type);
   if (known == nullptr)
-    throw nrrd.error("type",
-                     fmt::format("type '{}' is not known; convert it to {}", shown(type), joined(type_names())));
+    throw nrrd.error(
+        "type", fmt::format("type '{}' is not known; convert it to {}", shown(type), fmt::join(type_names(), ", ")));
   source.type = known->type;
   read_nrrd_place(nrrd, header, remarks);
 
@@ -428,7 +422,7 @@ Header read_nifti(const std::string& file, std::vector<std::string>& remarks) {
                                        {512, ValueType::uint16}, {768, ValueType::uint32}};
   if (!types.contains(type))
     throw input_error(
-        fmt::format("{}: datatype {} is not supported; convert it to {}", file, type, joined(type_names())));
+        fmt::format("{}: datatype {} is not supported; convert it to {}", file, type, fmt::join(type_names(), ", ")));
   source.type = types.at(type);
   if (static_cast<std::size_t>(nifti.get<std::int16_t>(72)) != 8 * bytes_of(source.type))
     throw input_error(fmt::format("{}: bitpix is {}, but datatype {} has {} bits", file, nifti.get<std::int16_t>(72),

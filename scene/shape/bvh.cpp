@@ -11,11 +11,6 @@ double area_of(const Box& box) {
   return size.x() < 0 ? 0 : size.x() * size.y() + size.y() * size.z() + size.z() * size.x();
 }
 
-void include(Box& box, const Box& other) {
-  box.min = box.min.cwiseMin(other.min);
-  box.max = box.max.cwiseMax(other.max);
-}
-
 /// Returns the sign of a b - c d, exactly. The products are finite.
 int sign_of_difference(double a, double b, double c, double d) noexcept {
   const double p = a * b, q = c * d;
@@ -150,7 +145,7 @@ struct TriangleTree::Builder {
   [[nodiscard]] Range range(std::uint32_t begin, std::uint32_t end, int depth) const {
     Range made{begin, end, depth, {}, {}};
     for (std::uint32_t i = begin; i < end; ++i) {
-      include(made.box, items[i].box);
+      made.box.include(items[i].box);
       made.of_centres.include(0.5 * (items[i].box.min + items[i].box.max));
     }
     return made;
@@ -207,14 +202,14 @@ struct TriangleTree::Builder {
       std::array<std::uint32_t, kBins> counts{};
       for (auto at = first; at != last; ++at) {
         const auto bin = static_cast<std::size_t>(bin_of(*at));
-        include(bins[bin], at->box);
+        bins[bin].include(at->box);
         ++counts[bin];
       }
       std::array<double, kBins> left{};
       Box sum;
       std::uint32_t count = 0;
       for (std::size_t i = 0; i + 1 < kBins; ++i) {
-        include(sum, bins[i]);
+        sum.include(bins[i]);
         count += counts[i];
         left[i] = area_of(sum) * count;
       }
@@ -223,7 +218,7 @@ struct TriangleTree::Builder {
       double best = std::numeric_limits<double>::infinity();
       int cut = -1;
       for (std::size_t i = kBins - 1; i > 0; --i) {
-        include(sum, bins[i]);
+        sum.include(bins[i]);
         count += counts[i];
         const double cost = left[i - 1] + area_of(sum) * count;
         if (count == 0 || count == part.size() || !(cost < best)) continue;
