@@ -1,6 +1,7 @@
 #include "player/programme/programme_session.h"
 
 #include "base/error.h"
+#include "base/json_reader.h"
 #include "base/output_file.h"
 #include "base/rfc3339.h"
 #include "base/stopwatch.h"
