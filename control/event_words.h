@@ -12,8 +12,8 @@
 
 namespace haptrace {
 
-/// Describes how the list of warnings reports an event of this kind. A new EventCode needs a row in the table beside
-/// describe().
+/// Describes how the list of warnings reports an event of this kind. A new EventCode needs a row in each of the two
+/// tables beside describe().
 struct EventWords {
   EventCode code = EventCode::mark;
   const char* name = "";             ///< Warning::code

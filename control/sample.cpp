@@ -4,9 +4,12 @@
 #include "control/event_words.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <iterator>
 #include <numbers>
+#include <string>
 
 namespace haptrace {
 namespace {
@@ -89,6 +92,245 @@ constexpr EventWords kEventWords[] = {
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
+// --- Texts of events ---
+
+using EventValues = std::array<double, 3>;
+
+std::string interrupted_text(const EventValues& v) {
+  const StopSource source = v[0] > 0 && v[0] < 4 ? static_cast<StopSource>(v[0]) : StopSource::user;
+  return std::string(interruption_text(source)) + ": releasing";
+}
+
+std::string overrun_text(const EventValues& v) {
+  const auto& [missed, late, exchange] = v;
+  if (std::isfinite(exchange))
+    return fmt::format("overrun: {:.0f} ticks missed, the exchange with the device took {:.1f} ms", missed,
+                       1e3 * exchange);
+  return fmt::format("overrun: {:.0f} ticks missed, woke {:.3f} ms late", missed, 1e3 * late);
+}
+
+std::string force_limit_text(const EventValues& v) {
+  return fmt::format("force limited: {} N requested, {} N allowed", digits_apart(v[0], v[1]), digits_apart(v[1], v[0]));
+}
+
+std::string continuous_limit_text(const EventValues& v) {
+  const auto& [allowed, assumed, is_torque] = v;
+  if (is_torque == 1) return fmt::format("continuous torque limited to {:.3g} N m", allowed);
+  if (assumed > 0)
+    return fmt::format(
+        "continuous force limited to {:.3g} N: the device states no continuous force, {:.3g} N are assumed", allowed,
+        assumed);
+  return fmt::format("continuous force limited to {:.3g} N", allowed);
+}
+
+std::string deviation_over_text(const EventValues& v) {
+  if (std::isfinite(v[2]))
+    return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * v[0],
+                       1e3 * v[1]);
+  return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * v[0], 1e3 * v[1]);
+}
+
+std::string oscillation_text(const EventValues& v) {
+  const auto& [amplitude, frequency, share] = v;
+  if (!std::isfinite(share))
+    return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm", frequency, 1e3 * amplitude);
+  return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", frequency,
+                     1e3 * amplitude, 100 * share);
+}
+
+std::string warming_text(const EventValues& v) {
+  const double heat = v[0], left = v[1];
+  if (std::isfinite(left) && left < 1)
+    return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited, reached now", 100 * heat);
+  if (!std::isfinite(left))
+    return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited", 100 * heat);
+  return fmt::format(
+      "motors warm: {:.0f} % of the heat at which the force is limited; at this force they reach it in {:.0f} s",
+      100 * heat, left);
+}
+
+std::string not_finite_text(const EventValues& v) {
+  return v[0] == 0 ? "stopped: the device's position is not finite" : "stopped: the controller's force is not finite";
+}
+
+std::string device_lost_text(const EventValues& v) {
+  return std::isfinite(v[0]) ? fmt::format("the device did not come back within {:.3g} s", v[0])
+                             : "the device was lost";
+}
+
+std::string repetition_text(const EventValues& v) {
+  return fmt::format("repetition {:.0f}", v[0] + 1);
+}
+
+std::string triggered_text(const EventValues& v) {
+  const auto& [cause, value, threshold] = v;
+  if (cause == 0) return fmt::format("triggered: a force of {:.3g} N is over {:.3g} N", value, threshold);
+  if (cause == 1) return fmt::format("triggered: a speed of {:.3g} m/s is over {:.3g} m/s", value, threshold);
+  return "triggered: a button was pressed";
+}
+
+std::string time_over_text(const EventValues& v) {
+  const auto& [reached, length, start] = v;
+  if (std::isfinite(start)) return fmt::format("the hand did not hold still in the start within {:.0f} s", start);
+  if (!std::isfinite(length)) return fmt::format("the time limit was reached at {:.3f} m", reached);
+  return fmt::format("the time limit was reached at {:.3f} m of {:.3f} m", reached, length);
+}
+
+// Scenes number their objects from 1 in texts.
+std::string touched_text(const EventValues& v) {
+  return fmt::format("object {:.0f} touched: {:.2f} N", v[0] + 1, v[1]);
+}
+
+std::string left_text(const EventValues& v) {
+  return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", v[0] + 1, 1e3 * v[1], v[2]);
+}
+
+std::string began_inside_text(const EventValues& v) {
+  return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", v[0] + 1,
+                     1e3 * v[1]);
+}
+
+std::string force_resisted_text(const EventValues& v) {
+  const double allowed = v[0], left = v[1];
+  if (std::isnan(allowed)) return fmt::format("the hand does not yield: the session ends in {:.0f} s", left);
+  return fmt::format("the hand resists the force: it falls to {:.1f} N, and the session ends in {:.0f} s", allowed,
+                     left);
+}
+
+std::string input_text(const EventValues& v) {
+  constexpr std::array kInputs{"mouse", "pen", "touch", "gamepad", "keys"};
+  const bool known = v[0] >= 1 && v[0] <= static_cast<double>(kInputs.size());
+  return fmt::format("input: {}, depth from {}", known ? kInputs[static_cast<std::size_t>(v[0]) - 1] : "unknown",
+                     v[1] == 1 ? "path" : "a plane");
+}
+
+std::string initiation_text(const EventValues& v) {
+  const auto& [initiator, waited, work] = v;
+  if (initiator == 1)
+    return fmt::format("the trainee started alone after {:.2f} s; the back wall did {:.2g} J of work", waited, work);
+  if (initiator == 2)
+    return fmt::format("the back wall started the trainee after {:.2f} s and did {:.2g} J of work", waited, work);
+  return fmt::format("the trainee did not start within {:.2f} s; the back wall did {:.2g} J of work", waited, work);
+}
+
+std::string tank_empty_text(const EventValues& v) {
+  const auto& [duration, share, of_reach] = v;
+  if (std::isfinite(of_reach))
+    return fmt::format(
+        "the energy tank is empty for {:.1f} s: {:.0f} % of the force field remain; a larger `energy` of the reach "
+        "keeps it",
+        duration, 100 * share);
+  return fmt::format(
+      "the energy tank is empty for {:.1f} s: {:.0f} % of the expert's force and of the help remain; a larger "
+      "--energy keeps them",
+      duration, 100 * share);
+}
+
+/// The text of an event of one kind: a template of its values, each times its scale, or a function of the values where
+/// the words depend on them.
+struct EventText {
+  constexpr EventText(EventCode of, const char* with, const EventValues& times = {1, 1, 1})
+      : code(of), words(with), scale(times) {}
+  constexpr EventText(EventCode of, std::string (*words_by_value)(const EventValues&))
+      : code(of), by_value(words_by_value) {}
+
+  [[nodiscard]] std::string text(const EventValues& v) const {
+    if (by_value != nullptr) return by_value(v);
+    return fmt::format(fmt::runtime(words), scale[0] * v[0], scale[1] * v[1], scale[2] * v[2]);
+  }
+
+  EventCode code;
+  const char* words = "";
+  EventValues scale{1, 1, 1};
+  std::string (*by_value)(const EventValues&) = nullptr;
+};
+
+/// Holds the text of every row of kEventWords, in the same order.
+constexpr EventText kEventTexts[] = {
+    {EventCode::started, "started"},
+    {EventCode::finished, "finished"},
+    {EventCode::interrupted, interrupted_text},
+    {EventCode::overrun, overrun_text},
+    {EventCode::samples_lost, "{0:.0f} samples lost: the writer could not keep up"},
+    {EventCode::recovered, "recovered after its writer died: {0:.0f} samples kept, {1:.0f} could not be read"},
+    {EventCode::force_limit, force_limit_text},
+    {EventCode::continuous_limit, continuous_limit_text},
+    {EventCode::velocity_limit, "stopped: {0:.3g} m/s is over the limit of {1:.3g} m/s"},
+    {EventCode::deviation_limit, "stopped: {0:.1f} mm off the path, the limit is {1:.1f} mm", {1e3, 1e3, 1}},
+    {EventCode::deviation_over, deviation_over_text},
+    {EventCode::oscillation, oscillation_text},
+    {EventCode::warming, warming_text},
+    {EventCode::hand_resists, "the hand resists with {0:.1f} N for {1:.1f} s"},
+    {EventCode::hand_let_go, "the hand let go: the load fell by {0:.1f} N from {1:.1f} N"},
+    {EventCode::oscillation_stays,
+     "the loop still oscillates at {1:.0f} Hz, {0:.2f} mm with {2:.0f} % of its gains",
+     {1e3, 1, 100}},
+    {EventCode::not_finite, not_finite_text},
+    {EventCode::device_not_ready, "the device does not allow forces"},
+    {EventCode::device_ready, "the device was ready after {0:.3g} s"},
+    {EventCode::device_lost, device_lost_text},
+    {EventCode::repetition, repetition_text},
+    {EventCode::mark, "mark"},
+    {EventCode::paused, "paused"},
+    {EventCode::resumed, "resumed"},
+    {EventCode::triggered, triggered_text},
+    {EventCode::path_waits, "the path waits at {0:.3f} s: its next part was not read in time"},
+    {EventCode::path_unreadable, "stopped: the path cannot be played beyond {0:.3f} s"},
+    {EventCode::device_found, "the device is back after {0:.3f} s"},
+    {EventCode::time_over, time_over_text},
+    {EventCode::rotation_limit,
+     "stopped: the tool points {0:.1f} degrees off, the limit is {1:.1f}",
+     {kDegrees, kDegrees, 1}},
+    {EventCode::touched, touched_text},
+    {EventCode::left, left_text},
+    {EventCode::reference_waits,
+     "the reference waits for the hand: {0:.1f} mm off the path, the limit is {1:.1f} mm",
+     {1e3, 1e3, 1}},
+    {EventCode::reference_goes_on, "the hand is back: the reference continues"},
+    {EventCode::states_stopped, "no fresh state from the device for {0:.0f} ms: the force fades to zero", {1e3, 1, 1}},
+    {EventCode::states_resumed,
+     "the device sends fresh states again after {0:.0f} ms: the force fades in",
+     {1e3, 1, 1}},
+    {EventCode::outside_workspace,
+     "stopped: the device's position is {0:.3g} m from the centre of its workspace, and no hand reaches beyond "
+     "{1:.3g} m"},
+    {EventCode::force_resisted, force_resisted_text},
+    {EventCode::force_held, "no force could be sent for {0:.0f} ms: the motors kept {1:.1f} N", {1e3, 1, 1}},
+    {EventCode::resistance_limit, "stopped: the hand resisted the force for {0:.0f} s"},
+    {EventCode::vibrates,
+     "the force vibrates at {1:.0f} Hz, {0:.2g} N rms: feedback softened to {2:.0f} %",
+     {1, 1, 100}},
+    {EventCode::vibrates_regularly,
+     "the force alternates at {1:.0f} Hz, {0:.2g} N rms: feedback softened to {2:.0f} %",
+     {1, 1, 100}},
+    {EventCode::bounces, "the tool bounces at {1:.1f} Hz, {0:.2g} N: feedback softened to {2:.0f} %", {1, 1, 100}},
+    {EventCode::sways,
+     "the loop or the hand sways at {1:.1f} Hz, {0:.2g} N: feedback softened to {2:.0f} % for now",
+     {1, 1, 100}},
+    {EventCode::vibration_stays,
+     "stopped: the force still vibrates at {1:.0f} Hz, {0:.2g} N rms with {2:.0f} % of the feedback",
+     {1, 1, 100}},
+    {EventCode::torque_vibrates,
+     "the torque vibrates at {1:.0f} Hz, {0:.2g} N m rms: feedback softened to {2:.0f} %",
+     {1, 1, 100}},
+    {EventCode::sway_over, "the loop and the hand are calm again: feedback back at {2:.0f} %", {1, 1, 100}},
+    {EventCode::recording_resumed,
+     "recording continues in a further file: its file could not be written for {0:.2f} s, {1:.0f} samples are "
+     "missing"},
+    {EventCode::recording_ended, "the recording ends here: there is no room left for it"},
+    {EventCode::values_lost, "values could not be recovered"},
+    {EventCode::shown_go, "go shown"},
+    {EventCode::shown_done, "done shown"},
+    {EventCode::input, input_text},
+    {EventCode::began_inside, began_inside_text},
+    {EventCode::initiation, initiation_text},
+    {EventCode::place_in_doubt,
+     "the place on the path is in doubt for {0:.1f} s, {1:.3f} m or {2:.3f} m: the expert's force fades"},
+    {EventCode::tank_empty, tank_empty_text},
+};
+static_assert(std::equal(std::begin(kEventWords), std::end(kEventWords), std::begin(kEventTexts), std::end(kEventTexts),
+                         [](const EventWords& words, const EventText& text) { return words.code == text.code; }));
+
 }  // namespace
 
 std::span<const EventWords> event_words() noexcept {
@@ -147,176 +389,9 @@ void EventTally::push(const Event& event) noexcept {
 }
 
 std::string describe(const Event& event) {
-  const auto& [a, b, c] = event.values;
-  switch (event.code) {
-    case EventCode::started:
-      return "started";
-    case EventCode::finished:
-      return "finished";
-    case EventCode::interrupted:
-      return std::string(interruption_text(a > 0 && a < 4 ? static_cast<StopSource>(a) : StopSource::user)) +
-             ": releasing";
-    case EventCode::overrun:
-      if (std::isfinite(c))
-        return fmt::format("overrun: {:.0f} ticks missed, the exchange with the device took {:.1f} ms", a, 1e3 * c);
-      return fmt::format("overrun: {:.0f} ticks missed, woke {:.3f} ms late", a, 1e3 * b);
-    case EventCode::samples_lost:
-      return fmt::format("{:.0f} samples lost: the writer could not keep up", a);
-    case EventCode::recovered:
-      return fmt::format("recovered after its writer died: {:.0f} samples kept, {:.0f} could not be read", a, b);
-    case EventCode::force_limit:
-      return fmt::format("force limited: {} N requested, {} N allowed", digits_apart(a, b), digits_apart(b, a));
-    case EventCode::continuous_limit:
-      if (c == 1) return fmt::format("continuous torque limited to {:.3g} N m", a);
-      if (b > 0)
-        return fmt::format(
-            "continuous force limited to {:.3g} N: the device states no continuous force, {:.3g} N are assumed", a, b);
-      return fmt::format("continuous force limited to {:.3g} N", a);
-    case EventCode::velocity_limit:
-      return fmt::format("stopped: {:.3g} m/s is over the limit of {:.3g} m/s", a, b);
-    case EventCode::deviation_limit:
-      return fmt::format("stopped: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
-    case EventCode::deviation_over:
-      if (std::isfinite(c))
-        return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
-      return fmt::format("{:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a, 1e3 * b);
-    case EventCode::oscillation:
-      if (!std::isfinite(c)) return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm", b, 1e3 * a);
-      return fmt::format("the loop oscillates at {:.0f} Hz, {:.2f} mm: gains softened to {:.0f} %", b, 1e3 * a,
-                         100 * c);
-    case EventCode::oscillation_stays:
-      return fmt::format("the loop still oscillates at {:.0f} Hz, {:.2f} mm with {:.0f} % of its gains", b, 1e3 * a,
-                         100 * c);
-    case EventCode::warming:
-      if (std::isfinite(b) && b < 1)
-        return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited, reached now", 100 * a);
-      if (!std::isfinite(b))
-        return fmt::format("motors warm: {:.0f} % of the heat at which the force is limited", 100 * a);
-      return fmt::format(
-          "motors warm: {:.0f} % of the heat at which the force is limited; at this force they reach it in {:.0f} s",
-          100 * a, b);
-    case EventCode::hand_resists:
-      return fmt::format("the hand resists with {:.1f} N for {:.1f} s", a, b);
-    case EventCode::hand_let_go:
-      return fmt::format("the hand let go: the load fell by {:.1f} N from {:.1f} N", a, b);
-    case EventCode::not_finite:
-      return a == 0 ? "stopped: the device's position is not finite" : "stopped: the controller's force is not finite";
-    case EventCode::device_not_ready:
-      return "the device does not allow forces";
-    case EventCode::device_ready:
-      return fmt::format("the device was ready after {:.3g} s", a);
-    case EventCode::device_lost:
-      return std::isfinite(a) ? fmt::format("the device did not come back within {:.3g} s", a) : "the device was lost";
-    case EventCode::device_found:
-      return fmt::format("the device is back after {:.3f} s", a);
-    case EventCode::repetition:
-      return fmt::format("repetition {:.0f}", a + 1);
-    case EventCode::mark:
-      return "mark";
-    case EventCode::paused:
-      return "paused";
-    case EventCode::resumed:
-      return "resumed";
-    case EventCode::triggered:
-      if (a == 0) return fmt::format("triggered: a force of {:.3g} N is over {:.3g} N", b, event.values[2]);
-      if (a == 1) return fmt::format("triggered: a speed of {:.3g} m/s is over {:.3g} m/s", b, event.values[2]);
-      return "triggered: a button was pressed";
-    case EventCode::path_waits:
-      return fmt::format("the path waits at {:.3f} s: its next part was not read in time", a);
-    case EventCode::path_unreadable:
-      return fmt::format("stopped: the path cannot be played beyond {:.3f} s", a);
-    case EventCode::time_over:
-      if (std::isfinite(c)) return fmt::format("the hand did not hold still in the start within {:.0f} s", c);
-      if (!std::isfinite(b)) return fmt::format("the time limit was reached at {:.3f} m", a);
-      return fmt::format("the time limit was reached at {:.3f} m of {:.3f} m", a, b);
-    case EventCode::rotation_limit:
-      return fmt::format("stopped: the tool points {:.1f} degrees off, the limit is {:.1f}", kDegrees * a,
-                         kDegrees * b);
-    case EventCode::touched:
-      return fmt::format("object {:.0f} touched: {:.2f} N", a + 1, b);
-    case EventCode::began_inside:
-      return fmt::format("the tool began inside object {:.0f}, which pushes it out softly: {:.2f} mm deep", a + 1,
-                         1e3 * b);
-    case EventCode::initiation:
-      if (a == 1)
-        return fmt::format("the trainee started alone after {:.2f} s; the back wall did {:.2g} J of work", b, c);
-      if (a == 2) return fmt::format("the back wall started the trainee after {:.2f} s and did {:.2g} J of work", b, c);
-      return fmt::format("the trainee did not start within {:.2f} s; the back wall did {:.2g} J of work", b, c);
-    case EventCode::place_in_doubt:
-      return fmt::format(
-          "the place on the path is in doubt for {:.1f} s, {:.3f} m or {:.3f} m: the expert's force fades", a, b, c);
-    case EventCode::tank_empty:
-      if (std::isfinite(c))
-        return fmt::format(
-            "the energy tank is empty for {:.1f} s: {:.0f} % of the force field remain; a larger `energy` of the reach "
-            "keeps it",
-            a, 100 * b);
-      return fmt::format(
-          "the energy tank is empty for {:.1f} s: {:.0f} % of the expert's force and of the help remain; a larger "
-          "--energy keeps them",
-          a, 100 * b);
-    case EventCode::left:
-      return fmt::format("object {:.0f} left: {:.2f} mm deep at most, {:.2f} s", a + 1, 1e3 * b, c);
-    case EventCode::reference_waits:
-      return fmt::format("the reference waits for the hand: {:.1f} mm off the path, the limit is {:.1f} mm", 1e3 * a,
-                         1e3 * b);
-    case EventCode::reference_goes_on:
-      return "the hand is back: the reference continues";
-    case EventCode::states_stopped:
-      return fmt::format("no fresh state from the device for {:.0f} ms: the force fades to zero", 1e3 * a);
-    case EventCode::states_resumed:
-      return fmt::format("the device sends fresh states again after {:.0f} ms: the force fades in", 1e3 * a);
-    case EventCode::outside_workspace:
-      return fmt::format(
-          "stopped: the device's position is {:.3g} m from the centre of its workspace, and no hand reaches beyond "
-          "{:.3g} m",
-          a, b);
-    case EventCode::force_resisted:
-      if (std::isnan(a)) return fmt::format("the hand does not yield: the session ends in {:.0f} s", b);
-      return fmt::format("the hand resists the force: it falls to {:.1f} N, and the session ends in {:.0f} s", a, b);
-    case EventCode::resistance_limit:
-      return fmt::format("stopped: the hand resisted the force for {:.0f} s", a);
-    case EventCode::vibrates:
-      return fmt::format("the force vibrates at {:.0f} Hz, {:.2g} N rms: feedback softened to {:.0f} %", b, a, 100 * c);
-    case EventCode::vibrates_regularly:
-      return fmt::format("the force alternates at {:.0f} Hz, {:.2g} N rms: feedback softened to {:.0f} %", b, a,
-                         100 * c);
-    case EventCode::bounces:
-      return fmt::format("the tool bounces at {:.1f} Hz, {:.2g} N: feedback softened to {:.0f} %", b, a, 100 * c);
-    case EventCode::sways:
-      return fmt::format("the loop or the hand sways at {:.1f} Hz, {:.2g} N: feedback softened to {:.0f} % for now", b,
-                         a, 100 * c);
-    case EventCode::vibration_stays:
-      return fmt::format("stopped: the force still vibrates at {:.0f} Hz, {:.2g} N rms with {:.0f} % of the feedback",
-                         b, a, 100 * c);
-    case EventCode::torque_vibrates:
-      return fmt::format("the torque vibrates at {:.0f} Hz, {:.2g} N m rms: feedback softened to {:.0f} %", b, a,
-                         100 * c);
-    case EventCode::sway_over:
-      return fmt::format("the loop and the hand are calm again: feedback back at {:.0f} %", 100 * c);
-    case EventCode::recording_resumed:
-      return fmt::format(
-          "recording continues in a further file: its file could not be written for {:.2f} s, {:.0f} samples are "
-          "missing",
-          a, b);
-    case EventCode::recording_ended:
-      return "the recording ends here: there is no room left for it";
-    case EventCode::values_lost:
-      return "values could not be recovered";
-    case EventCode::shown_go:
-      return "go shown";
-    case EventCode::shown_done:
-      return "done shown";
-    case EventCode::force_held:
-      return fmt::format("no force could be sent for {:.0f} ms: the motors kept {:.1f} N", 1e3 * a, b);
-    case EventCode::input: {
-      constexpr std::array kInputs{"mouse", "pen", "touch", "gamepad", "keys"};
-      const bool known = a >= 1 && a <= static_cast<double>(kInputs.size());
-      return fmt::format("input: {}, depth from {}", known ? kInputs[static_cast<std::size_t>(a) - 1] : "unknown",
-                         b == 1 ? "path" : "a plane");
-    }
-  }
-  return fmt::format("event {}", static_cast<int>(event.code));
+  const EventWords* const words = words_of(event.code);
+  if (words == nullptr) return fmt::format("event {}", static_cast<int>(event.code));
+  return kEventTexts[words - std::begin(kEventWords)].text(event.values);
 }
 
 }  // namespace haptrace

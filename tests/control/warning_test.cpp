@@ -3,32 +3,53 @@
 #include "control/event_words.h"
 #include "control/sample.h"
 
+#include <array>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <set>
 #include <string>
+#include <string_view>
+#include <utility>
 
 namespace haptrace {
 namespace {
 
 using testing::HasSubstr;
 
+/// Returns true if EventCode names this number: the compilers print a named value as EventCode::name, and any other one
+/// as a cast of a number.
+template <EventCode code>
+constexpr bool is_named() {
+  return std::string_view(__PRETTY_FUNCTION__).find("EventCode::") != std::string_view::npos;
+}
+static_assert(is_named<EventCode::mark>() && !is_named<static_cast<EventCode>(0)>());
+
+constexpr int kMostCode = 200;
+
+template <int... number>
+constexpr std::array<bool, sizeof...(number)> named_codes(std::integer_sequence<int, number...>) {
+  return {is_named<static_cast<EventCode>(number)>()...};
+}
+
 TEST(Warning, HasATextForEveryEventCode) {
-  // describe() has a line for every code: the compiler warns of a missing one.
+  constexpr auto kNamed = named_codes(std::make_integer_sequence<int, kMostCode>());
   std::set<std::string> names;
   std::size_t codes = 0;
-  for (int number = 0; number < 1000; ++number) {
+  for (int number = 0; number < kMostCode; ++number) {
     const auto code = static_cast<EventCode>(number);
-    if (describe({.code = code}) == "event " + std::to_string(number)) continue;
+    if (!kNamed[static_cast<std::size_t>(number)]) {
+      EXPECT_EQ(describe({.code = code}), "event " + std::to_string(number));
+      continue;
+    }
     ++codes;
+    EXPECT_NE(describe({.code = code}), "event " + std::to_string(number));
     const EventWords* words = words_of(code);
-    ASSERT_NE(words, nullptr) << "EventCode " << number << " (" << describe({.code = code})
-                              << ") has no row in kEventWords";
+    ASSERT_NE(words, nullptr) << "EventCode " << number << " has no row in kEventWords";
     EXPECT_TRUE(names.insert(words->name).second) << words->name << " names two codes";
     EXPECT_EQ(words->severity.has_value(), std::string(words->repeated) != "") << words->name;
     EXPECT_LT(words->share, 3) << words->name;
   }
-  EXPECT_EQ(event_words().size(), codes) << "a code has two rows";
+  EXPECT_EQ(event_words().size(), codes) << "a code has two rows, or is not below kMostCode";
 }
 
 TEST(Warning, ReportsSeveralEventsOfAKindAsOne) {
