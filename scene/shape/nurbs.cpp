@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
+#include <optional>
 #include <utility>
 
 namespace haptrace {
@@ -22,6 +23,74 @@ constexpr double kBehind = 1e-10;    // depth at which a tool still counts as in
 constexpr double kFits = 1e-3;       // by which a ball has to be smaller than the smallest concave radius, as a share
 constexpr double kLeastTolerance = 1e-6, kMostTolerance = 1e-2;
 constexpr double kLeastParts = 100;  // of the sheet's size that the tessellation tells apart
+
+/// Returns the unit tangent of the surface that leads from a trimmed edge into the patch, across the edge.
+Vec3 inward_of(const NurbsTrim::Part& part, const SurfaceJet& jet) noexcept {
+  const Vec2 way = part.to - part.from;
+  Vec3 in = -way.y() * jet.u + way.x() * jet.v;
+  const Vec3 along = (way.x() * jet.u + way.y() * jet.v).stableNormalized();
+  in -= in.dot(along) * along;
+  return in.stableNormalized();
+}
+
+/// Half the squared distance from the tool as a function of (u, v): its derivatives at a foot.
+struct LocalDistance {
+  LocalDistance(const SurfaceJet& jet, const Vec3& tool, double size) noexcept
+      : back(jet.s - tool),
+        gu(jet.u.dot(back)),
+        gv(jet.v.dot(back)),
+        e(jet.u.squaredNorm()),
+        f(jet.u.dot(jet.v)),
+        g(jet.v.squaredNorm()),
+        length_u(std::sqrt(e)),
+        length_v(std::sqrt(g)),
+        least(kRounding * (size + jet.s.norm())),
+        huu(e),
+        huv(f),
+        hvv(g) {}
+
+  /// Turns the second derivatives of Gauss and Newton into those of Newton.
+  void add_curvature(const SurfaceJet& jet) noexcept {
+    huu += back.dot(jet.uu);
+    huv += back.dot(jet.uv);
+    hvv += back.dot(jet.vv);
+  }
+
+  Vec3 back;                  ///< from the tool to the foot
+  double gu, gv;              ///< slopes
+  double e, f, g;             ///< metric of the surface
+  double length_u, length_v;  ///< |du|, |dv|
+  double least;               ///< slope per length that rounding hides [m]
+  double huu, huv, hvv;       ///< second derivatives, at first those of Gauss and Newton
+};
+
+/// Returns the step in (u, v) to where the distance is least, along the directions that are not fixed. Returns none if
+/// no step leads closer.
+std::optional<Vec2> newton_step(const LocalDistance& local, bool fixed_u, bool fixed_v) noexcept {
+  const double gu = local.gu, gv = local.gv, e = local.e, f = local.f, g = local.g;
+  if (fixed_u && fixed_v) return std::nullopt;
+  if (fixed_u || fixed_v) {
+    const double slope = fixed_u ? gv : gu, metric = fixed_u ? g : e;
+    if (std::abs(slope) <= local.least * (fixed_u ? local.length_v : local.length_u)) return std::nullopt;
+    double bend = fixed_u ? local.hvv : local.huu;
+    if (!(bend > 1e-3 * metric)) bend = metric;
+    Vec2 step = Vec2::Zero();
+    step[fixed_u ? 1 : 0] = -slope / bend;
+    return step;
+  }
+  if (std::abs(gu) <= local.least * local.length_u && std::abs(gv) <= local.least * local.length_v) return std::nullopt;
+  double huu = local.huu, huv = local.huv, hvv = local.hvv;
+  double det = huu * hvv - huv * huv;
+  const double area2 = e * g - f * f;
+  if (!(huu > 0 && det > 1e-6 * area2)) {
+    huu = e;
+    huv = f;
+    hvv = g;
+    det = area2;
+  }
+  if (!(det > 0)) return std::nullopt;
+  return Vec2(-(hvv * gu - huv * gv) / det, -(huu * gv - huv * gu) / det);
+}
 
 }  // namespace
 
@@ -165,34 +234,61 @@ SheetJoin Nurbs::join_at(const SheetPlace& place, std::size_t side, double& shar
   return patch.joins[side * SheetPatch::kParts + part];
 }
 
-/// Goes on in the patch beyond the edge, corner or pole on which the foot stands, where that leads downhill. Returns
-/// false if nothing does, and notes what holds the foot.
-bool Nurbs::cross(Foot& foot, const Vec3& tool) const noexcept {
-  constexpr std::size_t kMost = 16;
-  std::array<Candidate, kMost> list;
-  std::size_t count = 1;
-  list[0] = {foot.place, foot.part};
-  double steepest = 0;
-  Candidate best;
-  bool found = false, open = false;
-  foot.other.setZero();
-  foot.along.setZero();
-  int edges = 0;
-  const auto add = [&](const Candidate& one) {
-    for (std::size_t i = 0; i < count; ++i)
-      if (list[i].place.patch == one.place.patch) {
-        const SheetPatch& patch = sheet_.patches()[one.place.patch];
-        const Vec2 apart =
-            (list[i].place.at - one.place.at).cwiseQuotient(patch.surface.most() - patch.surface.least());
-        if (apart.cwiseAbs().maxCoeff() < 1e-6) return;
-      }
-    if (count < kMost) list[count++] = one;
-  };
-  // Notes how steeply it leads down from a place, in the directions that its edges leave.
-  const auto look = [&](const Candidate& one) {
-    const SheetPatch& patch = sheet_.patches()[one.place.patch];
+/// Moves a foot into the patch beyond the edge, corner or pole on which it stands, where that leads downhill: into the
+/// one that leads down most steeply. Round a corner it goes from patch to patch, in a list of places that are the same
+/// point.
+class Nurbs::EdgeCrossing {
+ public:
+  EdgeCrossing(const Nurbs& nurbs, Foot& foot, const Vec3& tool) noexcept
+      : nurbs_(nurbs), sheet_(nurbs.sheet_), foot_(foot), tool_(tool) {}
+
+  /// Moves the foot. Returns false if nothing leads downhill, and notes what holds the foot.
+  bool run() noexcept {
+    foot_.other.setZero();
+    foot_.along.setZero();
+    list_[0] = {foot_.place, foot_.part};
+    count_ = 1;
+    for (std::size_t i = 0; i < count_; ++i) visit(list_[i], i == 0);
+    if (edges_ > 1) foot_.along.setZero();
+    if (found_) {
+      nurbs_.set_down(foot_, best_.place);
+      foot_.part = best_.part;
+      return true;
+    }
+    foot_.held = open_ ? Foot::Held::off : Foot::Held::edge;
+    return false;
+  }
+
+ private:
+  static constexpr std::size_t kMost = 16;
+
+  [[nodiscard]] const SheetPatch& patch_of(const Candidate& one) const noexcept {
+    return sheet_.patches()[one.place.patch];
+  }
+
+  /// Looks downhill from a candidate, and adds those beyond the edges on which it is. `own`: it is the foot itself.
+  void visit(Candidate here, bool own) noexcept {
+    const SheetPatch& patch = patch_of(here);
+    SurfaceJet jet = foot_.jet;
+    if (!own) {
+      jet = look(here);
+      foot_.other += patch.normal(here.place.at, jet);
+    }
+    if (patch.trim.empty()) {
+      leave_by_sides(here, jet, own);
+    } else if (here.part != kNone) {
+      const NurbsTrim::Part& part = patch.trim.parts()[here.part];
+      const Vec2 way = part.to - part.from;
+      const double share = std::clamp((here.place.at - part.from).dot(way) / way.squaredNorm(), 0.0, 1.0);
+      leave_by(patch.joins[here.part], share, way.x() * jet.u + way.y() * jet.v, own);
+    }
+  }
+
+  /// Notes how steeply it leads down from a place, in the directions that its edges leave.
+  SurfaceJet look(const Candidate& one) noexcept {
+    const SheetPatch& patch = patch_of(one);
     SurfaceJet jet = patch.surface.jet(one.place.at.x(), one.place.at.y());
-    const Vec3 back = jet.s - tool;
+    const Vec3 back = jet.s - tool_;
     const double least = kRounding * (sheet_.size() + jet.s.norm());
     double slope = 0;
     if (patch.trim.empty()) {
@@ -205,195 +301,207 @@ bool Nurbs::cross(Foot& foot, const Vec3& tool) const noexcept {
         if (one.place.at[axis] >= patch.surface.most()[axis]) slope = std::max(slope, -down);
       }
     } else if (one.part != kNone) {
-      const NurbsTrim::Part& part = patch.trim.parts()[one.part];
-      const Vec2 way = part.to - part.from;
-      Vec3 in = -way.y() * jet.u + way.x() * jet.v;
-      const Vec3 along = (way.x() * jet.u + way.y() * jet.v).stableNormalized();
-      in -= in.dot(along) * along;
-      slope = -in.stableNormalized().dot(back);
+      slope = -inward_of(patch.trim.parts()[one.part], jet).dot(back);
     }
-    if (slope > least && slope > steepest) {
-      steepest = slope;
-      best = one;
-      found = true;
+    if (slope > least && slope > steepest_) {
+      steepest_ = slope;
+      best_ = one;
+      found_ = true;
     }
     return jet;
-  };
-  for (std::size_t i = 0; i < count; ++i) {
-    const Candidate here = list[i];
-    const SheetPatch& patch = sheet_.patches()[here.place.patch];
-    SurfaceJet jet = foot.jet;
-    if (i > 0) {
-      jet = look(here);
-      foot.other += patch.normal(here.place.at, jet);
-    }
-    const auto reached = [&](const SheetJoin& join, double share, const Vec3& along) {
-      if (join.patch == SheetJoin::kOpen) {
-        open = open || i == 0;
-        return;
-      }
-      if (i == 0 && ++edges == 1) foot.along = along.stableNormalized();
-      const SheetPatch& beyond = sheet_.patches()[join.patch];
-      Candidate other{{join.patch, beyond.clamped(join.from + share * (join.to - join.from))}, kNone};
-      if (!beyond.trim.empty()) {
-        other.part = join.part;
-        Vec2 edge = other.place.at;
-        other.part = beyond.trim.nearest(edge);
-        other.place.at = edge;
-      } else {
-        // Onto the side itself.
-        const std::size_t side = join.part / SheetPatch::kParts;
-        const int axis = side < 2 ? 0 : 1;
-        other.place.at[axis] = side % 2 == 0 ? beyond.surface.least()[axis] : beyond.surface.most()[axis];
-      }
-      add(other);
-    };
-    if (!patch.trim.empty()) {
-      if (here.part == kNone) continue;
-      const NurbsTrim::Part& part = patch.trim.parts()[here.part];
-      const Vec2 way = part.to - part.from;
-      const double share = std::clamp((here.place.at - part.from).dot(way) / way.squaredNorm(), 0.0, 1.0);
-      reached(patch.joins[here.part], share, way.x() * jet.u + way.y() * jet.v);
-      continue;
-    }
+  }
+
+  /// Goes over those sides of an untrimmed patch on which the candidate is.
+  void leave_by_sides(const Candidate& here, const SurfaceJet& jet, bool own) noexcept {
+    const SheetPatch& patch = patch_of(here);
     for (std::size_t side = 0; side < 4; ++side) {
       const int axis = side < 2 ? 0 : 1;
       const double end = side % 2 == 0 ? patch.surface.least()[axis] : patch.surface.most()[axis];
       if (here.place.at[axis] != end) continue;
       if (patch.pole[side]) {
-        // All points of this side are the same; each leads in another direction.
-        constexpr int kDirections = 24;
-        for (int k = 0; k <= kDirections; ++k)
-          (void)look({{here.place.patch, patch.on_side(side, static_cast<double>(k) / kDirections)}, kNone});
-        add({{here.place.patch, patch.on_side(side, 0)}, kNone});
-        add({{here.place.patch, patch.on_side(side, 1)}, kNone});
+        look_round_pole(here.place.patch, side);
         continue;
       }
       // Only edges over which the tool draws the foot.
       const Vec3 out = (side % 2 == 0 ? -1 : 1) * (axis == 0 ? jet.u : jet.v);
-      if (i == 0 && !(out.dot(tool - jet.s) > 0)) continue;
+      if (own && !(out.dot(tool_ - jet.s) > 0)) continue;
       double share = 0;
-      const SheetJoin join = join_at(here.place, side, share);
-      reached(join, share, axis == 0 ? jet.v : jet.u);
+      const SheetJoin join = nurbs_.join_at(here.place, side, share);
+      leave_by(join, share, axis == 0 ? jet.v : jet.u, own);
     }
   }
-  if (edges > 1) foot.along.setZero();
-  if (found) {
-    set_down(foot, best.place);
-    foot.part = best.part;
+
+  /// Looks from a pole: all points of its side are the same, and each leads in another direction.
+  void look_round_pole(std::uint32_t number, std::size_t side) noexcept {
+    const SheetPatch& patch = sheet_.patches()[number];
+    constexpr int kDirections = 24;
+    for (int k = 0; k <= kDirections; ++k)
+      (void)look({{number, patch.on_side(side, static_cast<double>(k) / kDirections)}, kNone});
+    add({{number, patch.on_side(side, 0)}, kNone});
+    add({{number, patch.on_side(side, 1)}, kNone});
+  }
+
+  /// Adds the place beyond a join, at a share of it. `along`: direction of the edge.
+  void leave_by(const SheetJoin& join, double share, const Vec3& along, bool own) noexcept {
+    if (join.patch == SheetJoin::kOpen) {
+      open_ = open_ || own;
+      return;
+    }
+    if (own && ++edges_ == 1) foot_.along = along.stableNormalized();
+    const SheetPatch& beyond = sheet_.patches()[join.patch];
+    Candidate other{{join.patch, beyond.clamped(join.from + share * (join.to - join.from))}, kNone};
+    if (!beyond.trim.empty()) {
+      other.part = join.part;
+      Vec2 edge = other.place.at;
+      other.part = beyond.trim.nearest(edge);
+      other.place.at = edge;
+    } else {
+      // Onto the side itself.
+      const std::size_t side = join.part / SheetPatch::kParts;
+      const int axis = side < 2 ? 0 : 1;
+      other.place.at[axis] = side % 2 == 0 ? beyond.surface.least()[axis] : beyond.surface.most()[axis];
+    }
+    add(other);
+  }
+
+  /// Appends a candidate, unless it is known.
+  void add(const Candidate& one) noexcept {
+    for (std::size_t i = 0; i < count_; ++i)
+      if (list_[i].place.patch == one.place.patch) {
+        const SheetPatch& patch = patch_of(one);
+        const Vec2 apart =
+            (list_[i].place.at - one.place.at).cwiseQuotient(patch.surface.most() - patch.surface.least());
+        if (apart.cwiseAbs().maxCoeff() < 1e-6) return;
+      }
+    if (count_ < kMost) list_[count_++] = one;
+  }
+
+  const Nurbs& nurbs_;
+  const NurbsSheet& sheet_;
+  Foot& foot_;
+  const Vec3& tool_;
+  std::array<Candidate, kMost> list_;
+  std::size_t count_ = 0;
+  double steepest_ = 0;
+  Candidate best_;  ///< where it leads down most steeply, if `found_`
+  bool found_ = false;
+  bool open_ = false;  ///< the foot itself stands on an open edge
+  int edges_ = 0;      ///< joined edges on which the foot stands
+};
+
+/// Moves a foot downhill towards the tool, within a patch, along its edge, and over it.
+class Nurbs::Descent {
+ public:
+  Descent(const Nurbs& nurbs, Foot& foot, const Vec3& tool, int steps) noexcept
+      : nurbs_(nurbs), foot_(foot), tool_(tool), left_(steps) {}
+
+  void run() noexcept {
+    int crossings = 0;
+    foot_.held = Foot::Held::inside;
+    for (int round = 0; round < kMostCrossings + 4 * kManySteps; ++round) {
+      LocalDistance local(foot_.jet, tool_, nurbs_.sheet_.size());
+      const Freedom freedom = freedom_of(local);
+      foot_.held = Foot::Held::inside;
+      if (freedom.at_edge) {
+        if (crossings < kMostCrossings && EdgeCrossing(nurbs_, foot_, tool_).run()) {
+          ++crossings;
+          left_ = kManySteps;
+          traced_ = false;
+          continue;
+        }
+        if (foot_.held == Foot::Held::off) return;
+        foot_.held = Foot::Held::edge;
+      }
+      if (traced_) local.add_curvature(foot_.jet);
+      const bool moved = freedom.along.isZero(0) ? step_within(freedom, local) : slide_along(freedom.along, local);
+      if (!moved || (traced_ && --left_ <= 0)) return;
+      traced_ = true;
+    }
+  }
+
+ private:
+  /// The directions in which the foot can move towards the tool.
+  struct Freedom {
+    bool fixed_u = false, fixed_v = false;
+    bool at_edge = false;       ///< the tool draws the foot over an edge
+    Vec2 along = Vec2::Zero();  ///< the trimming's edge along which alone the foot can move; zero: there is none
+  };
+
+  [[nodiscard]] const SheetPatch& patch() const noexcept { return nurbs_.sheet_.patches()[foot_.place.patch]; }
+
+  [[nodiscard]] Freedom freedom_of(const LocalDistance& local) const noexcept {
+    const SheetPatch& on = patch();
+    const Vec2& at = foot_.place.at;
+    Freedom freedom{.fixed_u = local.length_u < 1e-9 * on.length_u, .fixed_v = local.length_v < 1e-9 * on.length_v};
+    if (on.trim.empty()) {
+      const auto drawn_over = [&](int axis, double slope, double length) {
+        return (at[axis] <= on.surface.least()[axis] && slope > local.least * length) ||
+               (at[axis] >= on.surface.most()[axis] && -slope > local.least * length);
+      };
+      const bool over_u = !freedom.fixed_u && drawn_over(0, local.gu, local.length_u);
+      const bool over_v = !freedom.fixed_v && drawn_over(1, local.gv, local.length_v);
+      freedom.at_edge = over_u || over_v;
+      freedom.fixed_u = freedom.fixed_u || over_u;
+      freedom.fixed_v = freedom.fixed_v || over_v;
+    } else if (foot_.part != kNone) {
+      const NurbsTrim::Part& part = on.trim.parts()[foot_.part];
+      freedom.at_edge = inward_of(part, foot_.jet).dot(local.back) > local.least;
+      if (freedom.at_edge) freedom.along = part.to - part.from;
+    }
+    return freedom;
+  }
+
+  /// Takes Newton's step in the directions that are free. Returns false if the foot is where it belongs.
+  bool step_within(const Freedom& freedom, const LocalDistance& local) noexcept {
+    const std::optional<Vec2> step = newton_step(local, freedom.fixed_u, freedom.fixed_v);
+    if (!step) return false;
+    // Near a pole the parameters are like polar ones, in which a straight way is bent.
+    const bool near_pole =
+        local.length_u < kNearPole * patch().length_u || local.length_v < kNearPole * patch().length_v;
+    if (near_pole && !traced_) left_ = std::max(left_, kManySteps);
+    return nurbs_.move(foot_, tool_, *step);
+  }
+
+  /// Takes Newton's step along the part of the trimming's edge that holds the foot, and over its end to the next part.
+  /// Returns false if the foot is where it belongs.
+  bool slide_along(const Vec2& along, const LocalDistance& local) noexcept {
+    const auto along_edge = [&](double uu, double uv, double vv) {
+      return along.x() * along.x() * uu + 2 * along.x() * along.y() * uv + along.y() * along.y() * vv;
+    };
+    const double slope = along.x() * local.gu + along.y() * local.gv;
+    const double metric = along_edge(local.e, local.f, local.g);
+    double bend = along_edge(local.huu, local.huv, local.hvv);
+    if (!(bend > 1e-3 * metric)) bend = metric;
+    const SheetPatch& on = patch();
+    const NurbsTrim::Part& part = on.trim.parts()[foot_.part];
+    const double at = (foot_.place.at - part.from).dot(along) / along.squaredNorm();
+    double share = at - slope / bend;
+    if (std::abs(slope) <= local.least * std::sqrt(metric)) return false;
+    std::uint32_t next = foot_.part;
+    if (share >= 1) next = part.next;
+    if (share <= 0) next = part.before;
+    share = std::clamp(share, 0.0, 1.0);
+    const Vec2 to = part.from + share * along;
+    const SurfaceJet there = on.surface.jet(to.x(), to.y());
+    const double before = local.back.squaredNorm();
+    if (!((there.s - tool_).squaredNorm() <= before * (1 + 1e-14))) return false;
+    if (next == foot_.part && to == foot_.place.at) return false;
+    foot_.place.at = to;
+    foot_.jet = there;
+    foot_.part = next;
     return true;
   }
-  foot.held = open ? Foot::Held::off : Foot::Held::edge;
-  return false;
-}
+
+  const Nurbs& nurbs_;
+  Foot& foot_;
+  const Vec3& tool_;
+  int left_;             ///< steps of Newton
+  bool traced_ = false;  ///< a step of Gauss and Newton has taken the foot along
+};
 
 /// Moves the foot downhill towards the tool: a step of Gauss and Newton, and `steps` of Newton.
 void Nurbs::descend(Foot& foot, const Vec3& tool, int steps) const noexcept {
-  int crossings = 0, left = steps;
-  bool traced = false;
-  foot.held = Foot::Held::inside;
-  for (int round = 0; round < kMostCrossings + 4 * kManySteps; ++round) {
-    const SheetPatch& patch = sheet_.patches()[foot.place.patch];
-    const SurfaceJet& jet = foot.jet;
-    const Vec3 back = jet.s - tool;
-    const double gu = jet.u.dot(back), gv = jet.v.dot(back);
-    const double e = jet.u.squaredNorm(), f = jet.u.dot(jet.v), g = jet.v.squaredNorm();
-    const double length_u = std::sqrt(e), length_v = std::sqrt(g);
-    const double least = kRounding * (sheet_.size() + jet.s.norm());
-    bool fixed_u = length_u < 1e-9 * patch.length_u, fixed_v = length_v < 1e-9 * patch.length_v;
-    bool at_edge = false;
-    Vec2 along = Vec2::Zero();  // of the trimming's edge, along which alone the foot can move
-    if (patch.trim.empty()) {
-      const auto drawn_over = [&](int axis, double slope, double length) {
-        return (foot.place.at[axis] <= patch.surface.least()[axis] && slope > least * length) ||
-               (foot.place.at[axis] >= patch.surface.most()[axis] && -slope > least * length);
-      };
-      const bool over_u = !fixed_u && drawn_over(0, gu, length_u), over_v = !fixed_v && drawn_over(1, gv, length_v);
-      at_edge = over_u || over_v;
-      fixed_u = fixed_u || over_u;
-      fixed_v = fixed_v || over_v;
-    } else if (foot.part != kNone) {
-      const NurbsTrim::Part& part = patch.trim.parts()[foot.part];
-      const Vec2 way = part.to - part.from;
-      Vec3 in = -way.y() * jet.u + way.x() * jet.v;
-      const Vec3 tangent = (way.x() * jet.u + way.y() * jet.v).stableNormalized();
-      in -= in.dot(tangent) * tangent;
-      at_edge = in.stableNormalized().dot(back) > least;
-      if (at_edge) along = way;
-    }
-    foot.held = Foot::Held::inside;
-    if (at_edge) {
-      if (crossings < kMostCrossings && cross(foot, tool)) {
-        ++crossings;
-        left = kManySteps;
-        traced = false;
-        continue;
-      }
-      if (foot.held == Foot::Held::off) return;
-      foot.held = Foot::Held::edge;
-    }
-
-    Vec2 step = Vec2::Zero();
-    const Vec3& uu = jet.uu;
-    double huu = e, huv = f, hvv = g;
-    if (traced) {
-      huu += back.dot(uu);
-      huv += back.dot(jet.uv);
-      hvv += back.dot(jet.vv);
-    }
-    if (!along.isZero(0)) {
-      const double slope = along.x() * gu + along.y() * gv;
-      const double metric = along.x() * along.x() * e + 2 * along.x() * along.y() * f + along.y() * along.y() * g;
-      double bend = along.x() * along.x() * huu + 2 * along.x() * along.y() * huv + along.y() * along.y() * hvv;
-      if (!(bend > 1e-3 * metric)) bend = metric;
-      const NurbsTrim::Part& part = patch.trim.parts()[foot.part];
-      const double at = (foot.place.at - part.from).dot(along) / along.squaredNorm();
-      double share = at - slope / bend;
-      // Over the end of this part of the edge, to the next one.
-      if (std::abs(slope) <= least * std::sqrt(metric)) return;
-      std::uint32_t next = foot.part;
-      if (share >= 1) next = part.next;
-      if (share <= 0) next = part.before;
-      share = std::clamp(share, 0.0, 1.0);
-      const Vec2 to = part.from + share * along;
-      const SurfaceJet there = patch.surface.jet(to.x(), to.y());
-      const double before = back.squaredNorm();
-      if (!((there.s - tool).squaredNorm() <= before * (1 + 1e-14))) return;
-      if (next == foot.part && to == foot.place.at) return;
-      foot.place.at = to;
-      foot.jet = there;
-      foot.part = next;
-      if (traced && --left <= 0) break;
-      traced = true;
-      continue;
-    }
-    if (fixed_u && fixed_v) return;
-    if (fixed_u || fixed_v) {
-      const double slope = fixed_u ? gv : gu, metric = fixed_u ? g : e, length = fixed_u ? length_v : length_u;
-      if (std::abs(slope) <= least * length) return;
-      double bend = fixed_u ? hvv : huu;
-      if (!(bend > 1e-3 * metric)) bend = metric;
-      step[fixed_u ? 1 : 0] = -slope / bend;
-    } else {
-      if (std::abs(gu) <= least * length_u && std::abs(gv) <= least * length_v) return;
-      double det = huu * hvv - huv * huv;
-      const double area2 = e * g - f * f;
-      if (!(huu > 0 && det > 1e-6 * area2)) {
-        huu = e;
-        huv = f;
-        hvv = g;
-        det = area2;
-      }
-      if (!(det > 0)) return;
-      step = Vec2(-(hvv * gu - huv * gv) / det, -(huu * gv - huv * gu) / det);
-    }
-    // Near a pole the parameters are like polar ones, in which a straight way is bent.
-    if (length_u < kNearPole * patch.length_u || length_v < kNearPole * patch.length_v)
-      left = std::max(left, traced ? left : kManySteps);
-    if (!move(foot, tool, step)) return;
-    if (traced && --left <= 0) break;
-    traced = true;
-  }
+  Descent(*this, foot, tool, steps).run();
 }
 
 /// Returns the foot as a point of the surface, with the tool's distance in front of it.

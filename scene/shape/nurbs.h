@@ -55,13 +55,14 @@ class Nurbs final : public Shape {
     Vec3 along = Vec3::Zero();  ///< direction of this edge; zero at a corner
   };
   struct Candidate;
+  class EdgeCrossing;
+  class Descent;
 
   void set_down(Foot& foot, const SheetPlace& place) const noexcept;
   [[nodiscard]] Foot foot_at(const SheetPlace& place) const noexcept;
   [[nodiscard]] Foot foot_in(std::uint32_t triangle, const Vec3& place) const noexcept;
   void descend(Foot& foot, const Vec3& tool, int steps) const noexcept;
   bool move(Foot& foot, const Vec3& tool, const Vec2& step) const noexcept;
-  bool cross(Foot& foot, const Vec3& tool) const noexcept;
   [[nodiscard]] SheetJoin join_at(const SheetPlace& place, std::size_t side, double& share) const noexcept;
   [[nodiscard]] Vec3 normal_of(const Foot& foot) const noexcept;
   [[nodiscard]] SurfacePoint surface_point(const Foot& foot, const Vec3& tool) const noexcept;
