@@ -191,29 +191,67 @@ void NurbsSheet::check_patch(SheetPatch& patch, const std::string& where) const 
     throw input_error(where + " has neighbouring sides that are points. Give it at least two sides of a length");
 }
 
-void NurbsSheet::join_edges() {
-  // Chains of parts: a side, or pieces of a trimming loop, each with a box.
+namespace {
+
+/// Finds the edge that runs through the same points as a part of an edge.
+class EdgeJoiner {
+ public:
+  /// Readies the joins of the patches: one for every part of their edges.
+  EdgeJoiner(std::vector<SheetPatch>& patches, double size) : patches_(patches), size_(size), ends_(patches.size()) {
+    for (std::uint32_t p = 0; p < patches_.size(); ++p) {
+      SheetPatch& patch = patches_[p];
+      const std::size_t count = parts_of(patch);
+      patch.joins.assign(count, {});
+      for (std::size_t k = 0; k < count; ++k) {
+        const EdgePart part = part_of(patch, k);
+        ends_[p].push_back({point_of(patch, part.from), point_of(patch, part.to)});
+        if (k % SheetPatch::kParts == 0) chains_.push_back({p, k, 0, {}});
+        ++chains_.back().count;
+        for (const Vec3& end : ends_[p].back()) chains_.back().box.include(end);
+      }
+    }
+  }
+
+  [[nodiscard]] bool is_pole(std::uint32_t p, std::size_t part) const {
+    return patches_[p].trim.empty() && patches_[p].pole[part / SheetPatch::kParts];
+  }
+
+  /// Joins a part to the nearest edge. Returns false if none is near enough.
+  bool join(std::uint32_t p, std::size_t k) {
+    SheetPatch& patch = patches_[p];
+    const EdgePart part = part_of(patch, k);
+    const Vec2 middle = 0.5 * (part.from + part.to);
+    const Vec3 place = point_of(patch, middle);
+    Found best{1e300, 0, Vec2::Zero()};
+    const Chain* chain = nullptr;
+    for (const Chain& other : chains_) {
+      const double reach = reach_of(patch, patches_[other.patch]);
+      // Not the part itself, nor its neighbours in the same edge.
+      const bool own = other.patch == p && k >= other.first && k < other.first + other.count;
+      if (own || is_pole(other.patch, other.first) || !may_reach(other.box, place, reach)) continue;
+      const Found found = nearest_on(other, place);
+      if (found.distance2 > reach * reach || found.distance2 >= best.distance2) continue;
+      if (other.patch == p &&
+          (found.at - middle).cwiseQuotient(patch.surface.most() - patch.surface.least()).norm() < 0.02)
+        continue;
+      best = found;
+      chain = &other;
+    }
+    if (chain == nullptr) return false;
+    SheetJoin& join = patch.joins[k];
+    join.patch = chain->patch;
+    join.part = static_cast<std::uint32_t>(best.part);
+    join.from = nearest_on(*chain, point_of(patch, part.from)).at;
+    join.to = nearest_on(*chain, point_of(patch, part.to)).at;
+    return true;
+  }
+
+ private:
+  /// Parts that follow each other: a side, or a piece of a trimming loop, with its box.
   struct Chain {
     std::uint32_t patch;
     std::size_t first, count;
     Box box;
-  };
-  std::vector<Chain> chains;
-  std::vector<std::vector<std::array<Vec3, 2>>> ends(patches_.size());
-  for (std::uint32_t p = 0; p < patches_.size(); ++p) {
-    SheetPatch& patch = patches_[p];
-    const std::size_t count = parts_of(patch);
-    patch.joins.assign(count, {});
-    for (std::size_t k = 0; k < count; ++k) {
-      const EdgePart part = part_of(patch, k);
-      ends[p].push_back({point_of(patch, part.from), point_of(patch, part.to)});
-      if (k % SheetPatch::kParts == 0) chains.push_back({p, k, 0, {}});
-      ++chains.back().count;
-      for (const Vec3& end : ends[p].back()) chains.back().box.include(end);
-    }
-  }
-  const auto is_pole = [&](std::uint32_t p, std::size_t part) {
-    return patches_[p].trim.empty() && patches_[p].pole[part / SheetPatch::kParts];
   };
 
   struct Found {
@@ -221,12 +259,23 @@ void NurbsSheet::join_edges() {
     std::size_t part = 0;
     Vec2 at;
   };
+
+  /// Returns the distance within which edges of two patches are the same [m].
+  [[nodiscard]] double reach_of(const SheetPatch& one, const SheetPatch& other) const {
+    return (one.trim.empty() && other.trim.empty() ? kSameEdge : kSameTrimmed) * size_;
+  }
+
+  [[nodiscard]] bool may_reach(const Box& box, const Vec3& place, double reach) const {
+    return !((place.array() < box.min.array() - 3 * reach - 0.01 * size_).any() ||
+             (place.array() > box.max.array() + 3 * reach + 0.01 * size_).any());
+  }
+
   /// Finds the nearest point of a chain, on the edge itself.
-  const auto nearest_on = [&](const Chain& chain, const Vec3& place) {
+  [[nodiscard]] Found nearest_on(const Chain& chain, const Vec3& place) const {
     Found best{1e300, 0, Vec2::Zero()};
     const SheetPatch& patch = patches_[chain.patch];
     for (std::size_t k = chain.first; k < chain.first + chain.count; ++k) {
-      const auto& [a, b] = ends[chain.patch][k];
+      const auto& [a, b] = ends_[chain.patch][k];
       const Vec3 way = b - a;
       const double length2 = way.squaredNorm();
       const double share = length2 > 0 ? std::clamp((place - a).dot(way) / length2, 0.0, 1.0) : 0;
@@ -249,46 +298,25 @@ void NurbsSheet::join_edges() {
     }
     best.distance2 = (point_of(patch, best.at) - place).squaredNorm();
     return best;
-  };
-
-  for (std::uint32_t p = 0; p < patches_.size(); ++p) {
-    SheetPatch& patch = patches_[p];
-    for (std::size_t k = 0; k < patch.joins.size(); ++k) {
-      if (is_pole(p, k)) continue;
-      const EdgePart part = part_of(patch, k);
-      const Vec3 middle = point_of(patch, 0.5 * (part.from + part.to));
-      Found best{1e300, 0, Vec2::Zero()};
-      const Chain* chain = nullptr;
-      for (const Chain& other : chains) {
-        const double reach =
-            (patch.trim.empty() && patches_[other.patch].trim.empty() ? kSameEdge : kSameTrimmed) * size_;
-        if (is_pole(other.patch, other.first)) continue;
-        // Not the part itself, nor its neighbours in the same edge.
-        const bool own = other.patch == p && k >= other.first && k < other.first + other.count;
-        if (own) continue;
-        if ((middle.array() < other.box.min.array() - 3 * reach - 0.01 * size_).any() ||
-            (middle.array() > other.box.max.array() + 3 * reach + 0.01 * size_).any())
-          continue;
-        const Found found = nearest_on(other, middle);
-        if (found.distance2 > reach * reach || found.distance2 >= best.distance2) continue;
-        if (other.patch == p && (found.at - 0.5 * (part.from + part.to))
-                                        .cwiseQuotient(patch.surface.most() - patch.surface.least())
-                                        .norm() < 0.02)
-          continue;
-        best = found;
-        chain = &other;
-      }
-      if (chain == nullptr) {
-        if (open_++ == 0) open_at_ = middle;
-        continue;
-      }
-      SheetJoin& join = patch.joins[k];
-      join.patch = chain->patch;
-      join.part = static_cast<std::uint32_t>(best.part);
-      join.from = nearest_on(*chain, point_of(patch, part.from)).at;
-      join.to = nearest_on(*chain, point_of(patch, part.to)).at;
-    }
   }
+
+  std::vector<SheetPatch>& patches_;
+  double size_;  ///< of the sheet [m]
+  std::vector<Chain> chains_;
+  std::vector<std::vector<std::array<Vec3, 2>>> ends_;  ///< of the parts of every patch
+};
+
+}  // namespace
+
+void NurbsSheet::join_edges() {
+  EdgeJoiner joiner(patches_, size_);
+  for (std::uint32_t p = 0; p < patches_.size(); ++p)
+    for (std::size_t k = 0; k < patches_[p].joins.size(); ++k) {
+      if (joiner.is_pole(p, k) || joiner.join(p, k)) continue;
+      if (open_++ > 0) continue;
+      const EdgePart part = part_of(patches_[p], k);
+      open_at_ = point_of(patches_[p], 0.5 * (part.from + part.to));
+    }
 }
 
 namespace {
@@ -375,8 +403,10 @@ void NurbsSheet::find_valleys() {
 
 namespace {
 
-/// Numbers of cells along u and v that keep the chords of a patch within a tolerance.
-std::array<int, 2> cells_of(const SheetPatch& patch, double tolerance) {
+using Cells = std::array<int, 2>;  ///< along u and v of a patch
+
+/// Returns the cells that keep the chords of a patch within a tolerance.
+Cells cells_of(const SheetPatch& patch, double tolerance) {
   const Vec2 &low = patch.surface.least(), extent = patch.surface.most() - patch.surface.least();
   const int nu = std::min(64, 4 * patch.surface.spans(0) + 1), nv = std::min(64, 4 * patch.surface.spans(1) + 1);
   double uu = 0, uv = 0, vv = 0;
@@ -402,102 +432,131 @@ std::array<int, 2> cells_of(const SheetPatch& patch, double tolerance) {
 /// Triangulates the part of a patch between its loops: strips between lines of constant u, cut where loops turn.
 class StripMesher {
  public:
-  StripMesher(const SheetPatch& patch, std::uint32_t index, std::array<int, 2> cells, SheetMesh& out)
-      : patch_(patch), index_(index), out_(out) {
-    const Vec2 &low = patch.surface.least(), &high = patch.surface.most();
-    const auto line = [&](int axis, int n, int i) {
-      return i == n ? high[axis] : low[axis] + (high[axis] - low[axis]) * (static_cast<double>(i) / n);
-    };
-    std::vector<double> us, vs;
-    for (int i = 0; i <= cells[0]; ++i) us.push_back(line(0, cells[0], i));
-    for (int j = 0; j <= cells[1]; ++j) vs.push_back(line(1, cells[1], j));
-    const Vec2 extent = high - low;
-    for (const NurbsTrim::Part& part : patch.trim.parts()) us.push_back(part.from.x());
-    std::sort(us.begin(), us.end());
-    us.erase(std::unique(us.begin(), us.end(), [&](double a, double b) { return b - a < 1e-9 * extent.x(); }),
-             us.end());
-    std::vector<std::vector<double>> marks(us.size());  // v at which a line needs a vertex
-    std::vector<std::vector<std::array<double, 4>>> strips(us.size());
-    for (std::size_t i = 0; i + 1 < us.size(); ++i) {
-      const double a = us[i], b = us[i + 1], middle = 0.5 * (a + b);
-      auto& strip = strips[i];
-      if (patch.trim.empty()) {
-        strip.push_back({low.y(), high.y(), low.y(), high.y()});
-      } else {
-        struct Cross {
-          double at_middle, at_a, at_b;
-        };
-        std::vector<Cross> crossed;
-        for (const NurbsTrim::Part& part : patch.trim.parts()) {
-          if ((part.from.x() > middle) == (part.to.x() > middle)) continue;
-          const auto at = [&](double u) {
-            const double share = std::clamp((u - part.from.x()) / (part.to.x() - part.from.x()), 0.0, 1.0);
-            return part.from.y() + share * (part.to.y() - part.from.y());
-          };
-          crossed.push_back({at(middle), at(a), at(b)});
-        }
-        std::sort(crossed.begin(), crossed.end(),
-                  [](const Cross& x, const Cross& y) { return x.at_middle < y.at_middle; });
-        for (std::size_t k = 0; k + 1 < crossed.size(); k += 2)
-          strip.push_back({crossed[k].at_a, crossed[k + 1].at_a, crossed[k].at_b, crossed[k + 1].at_b});
-      }
-      for (const auto& [a0, a1, b0, b1] : strip) {
-        marks[i].insert(marks[i].end(), {a0, a1});
-        marks[i + 1].insert(marks[i + 1].end(), {b0, b1});
-      }
-    }
-    for (std::size_t i = 0; i < us.size(); ++i) {
-      marks[i].insert(marks[i].end(), vs.begin(), vs.end());
-      std::sort(marks[i].begin(), marks[i].end());
-      // A loop's point near a line of the grid takes its place.
-      marks[i].erase(
-          std::unique(marks[i].begin(), marks[i].end(), [&](double x, double y) { return y - x < 1e-9 * extent.y(); }),
-          marks[i].end());
-    }
-    std::map<std::pair<std::size_t, double>, std::uint32_t> known;
-    const auto vertex = [&](std::size_t i, double v) {
-      const auto [found, added] = known.emplace(std::pair(i, v), static_cast<std::uint32_t>(out_.places.size()));
-      if (added) {
-        out_.places.push_back({index_, {us[i], v}});
-        out_.mesh.vertices.push_back(point_of(patch_, {us[i], v}));
-      }
-      return found->second;
-    };
-    const auto line_of = [&](std::size_t i, double from, double to) {
-      std::vector<double> marked;
-      const double slack = 2e-9 * extent.y();
-      for (const double mark : marks[i])
-        if (mark >= from - slack && mark <= to + slack) marked.push_back(mark);
-      return marked;
-    };
-    for (std::size_t i = 0; i + 1 < us.size(); ++i)
-      for (const auto& [a0, a1, b0, b1] : strips[i]) {
-        const std::vector<double> left = line_of(i, a0, a1), right = line_of(i + 1, b0, b1);
-        std::size_t l = 0, r = 0;
-        while (l + 1 < left.size() || r + 1 < right.size()) {
-          const bool up_left = r + 1 >= right.size() || (l + 1 < left.size() && left[l + 1] <= right[r + 1]);
-          const std::uint32_t a = vertex(i, left[l]), b = vertex(i + 1, right[r]);
-          const std::uint32_t c = up_left ? vertex(i, left[++l]) : vertex(i + 1, right[++r]);
-          if (patch.sign > 0)
-            out_.mesh.triangles.push_back({a, b, c});
-          else
-            out_.mesh.triangles.push_back({b, a, c});
-        }
-      }
+  StripMesher(const SheetPatch& patch, std::uint32_t index, Cells cells, SheetMesh& out)
+      : patch_(patch),
+        index_(index),
+        out_(out),
+        extent_(patch.surface.most() - patch.surface.least()),
+        us_(grid_lines(0, cells[0])) {
+    for (const NurbsTrim::Part& part : patch.trim.parts()) us_.push_back(part.from.x());
+    sort_apart(us_, 1e-9 * extent_.x());
+    strips_.resize(us_.size());
+    for (std::size_t i = 0; i + 1 < us_.size(); ++i) strips_[i] = strips_between(us_[i], us_[i + 1]);
+    mark_lines(grid_lines(1, cells[1]));
+  }
+
+  void triangulate() {
+    for (std::size_t i = 0; i + 1 < us_.size(); ++i)
+      for (const Strip& strip : strips_[i]) triangulate(strip, i);
   }
 
  private:
+  /// A piece of the patch between two lines of constant u: the least and the largest v on the line before it, and on
+  /// the line after it.
+  using Strip = std::array<double, 4>;
+
+  /// Returns the borders of `n` equal cells along an axis.
+  [[nodiscard]] std::vector<double> grid_lines(int axis, int n) const {
+    const double low = patch_.surface.least()[axis], high = patch_.surface.most()[axis];
+    std::vector<double> lines;
+    for (int i = 0; i <= n; ++i) lines.push_back(i == n ? high : low + (high - low) * (static_cast<double>(i) / n));
+    return lines;
+  }
+
+  /// Sorts numbers, and drops those that are less than `least` above the one before.
+  static void sort_apart(std::vector<double>& numbers, double least) {
+    std::sort(numbers.begin(), numbers.end());
+    numbers.erase(std::unique(numbers.begin(), numbers.end(), [&](double x, double y) { return y - x < least; }),
+                  numbers.end());
+  }
+
+  /// Returns the strips between two lines. No loop turns between the lines.
+  [[nodiscard]] std::vector<Strip> strips_between(double a, double b) const {
+    const double low = patch_.surface.least().y(), high = patch_.surface.most().y();
+    if (patch_.trim.empty()) return {{low, high, low, high}};
+    struct Cross {
+      double at_middle, at_a, at_b;
+    };
+    const double middle = 0.5 * (a + b);
+    std::vector<Cross> crossed;
+    for (const NurbsTrim::Part& part : patch_.trim.parts()) {
+      if ((part.from.x() > middle) == (part.to.x() > middle)) continue;
+      const auto at = [&](double u) {
+        const double share = std::clamp((u - part.from.x()) / (part.to.x() - part.from.x()), 0.0, 1.0);
+        return part.from.y() + share * (part.to.y() - part.from.y());
+      };
+      crossed.push_back({at(middle), at(a), at(b)});
+    }
+    std::sort(crossed.begin(), crossed.end(), [](const Cross& x, const Cross& y) { return x.at_middle < y.at_middle; });
+    std::vector<Strip> strips;
+    for (std::size_t k = 0; k + 1 < crossed.size(); k += 2)
+      strips.push_back({crossed[k].at_a, crossed[k + 1].at_a, crossed[k].at_b, crossed[k + 1].at_b});
+    return strips;
+  }
+
+  /// Finds the v at which each line needs a vertex: at the ends of strips, and at lines of the grid.
+  void mark_lines(const std::vector<double>& vs) {
+    marks_.resize(us_.size());
+    for (std::size_t i = 0; i + 1 < us_.size(); ++i)
+      for (const auto& [a0, a1, b0, b1] : strips_[i]) {
+        marks_[i].insert(marks_[i].end(), {a0, a1});
+        marks_[i + 1].insert(marks_[i + 1].end(), {b0, b1});
+      }
+    for (std::vector<double>& marks : marks_) {
+      marks.insert(marks.end(), vs.begin(), vs.end());
+      sort_apart(marks, 1e-9 * extent_.y());  // a loop's point near a line of the grid takes its place
+    }
+  }
+
+  /// Returns the marks of a line between two v.
+  [[nodiscard]] std::vector<double> marked(std::size_t line, double from, double to) const {
+    std::vector<double> marked;
+    const double slack = 2e-9 * extent_.y();
+    for (const double mark : marks_[line])
+      if (mark >= from - slack && mark <= to + slack) marked.push_back(mark);
+    return marked;
+  }
+
+  /// Returns the vertex on a line, which it makes at the first request.
+  std::uint32_t vertex(std::size_t line, double v) {
+    const auto [found, added] = known_.emplace(std::pair(line, v), static_cast<std::uint32_t>(out_.places.size()));
+    if (added) {
+      out_.places.push_back({index_, {us_[line], v}});
+      out_.mesh.vertices.push_back(point_of(patch_, {us_[line], v}));
+    }
+    return found->second;
+  }
+
+  void triangulate(const Strip& strip, std::size_t line) {
+    const auto& [a0, a1, b0, b1] = strip;
+    const std::vector<double> left = marked(line, a0, a1), right = marked(line + 1, b0, b1);
+    std::size_t l = 0, r = 0;
+    while (l + 1 < left.size() || r + 1 < right.size()) {
+      const bool up_left = r + 1 >= right.size() || (l + 1 < left.size() && left[l + 1] <= right[r + 1]);
+      const std::uint32_t a = vertex(line, left[l]), b = vertex(line + 1, right[r]);
+      const std::uint32_t c = up_left ? vertex(line, left[++l]) : vertex(line + 1, right[++r]);
+      if (patch_.sign > 0)
+        out_.mesh.triangles.push_back({a, b, c});
+      else
+        out_.mesh.triangles.push_back({b, a, c});
+    }
+  }
+
   const SheetPatch& patch_;
   std::uint32_t index_;
   SheetMesh& out_;
+  Vec2 extent_;
+  std::vector<double> us_;                  ///< u of the lines
+  std::vector<std::vector<Strip>> strips_;  ///< after each line
+  std::vector<std::vector<double>> marks_;  ///< v at which a line needs a vertex
+  std::map<std::pair<std::size_t, double>, std::uint32_t> known_;
 };
 
-}  // namespace
-
-SheetMesh NurbsSheet::tessellate(double tolerance) const {
-  std::vector<std::array<int, 2>> cells;
+/// Returns the cells that keep every patch within a tolerance, or fewer where that would be too many triangles.
+std::vector<Cells> cells_within(const std::vector<SheetPatch>& patches, double tolerance) {
+  std::vector<Cells> cells;
   double total = 0;
-  for (const SheetPatch& patch : patches_) {
+  for (const SheetPatch& patch : patches) {
     cells.push_back(cells_of(patch, tolerance));
     total += 2.0 * cells.back()[0] * cells.back()[1];
   }
@@ -506,67 +565,111 @@ SheetMesh NurbsSheet::tessellate(double tolerance) const {
       u = std::max(1, static_cast<int>(u * std::sqrt(kMostTriangles / total)));
       v = std::max(1, static_cast<int>(v * std::sqrt(kMostTriangles / total)));
     }
-  // Directions whose sides are joined with the same parameters get the same number of cells.
-  std::vector<std::size_t> group(2 * patches_.size());
+  return cells;
+}
+
+/// Returns true if the whole side of an untrimmed patch is joined to one side of another.
+bool is_joined_to_one_side(const SheetPatch& patch, std::size_t side) {
+  const SheetJoin& first = patch.joins[side * SheetPatch::kParts];
+  bool whole = true;
+  for (std::size_t k = 0; k < SheetPatch::kParts; ++k) {
+    const SheetJoin& join = patch.joins[side * SheetPatch::kParts + k];
+    whole = whole && join.patch == first.patch && join.part / SheetPatch::kParts == first.part / SheetPatch::kParts;
+  }
+  return whole;
+}
+
+/// Gives directions whose sides are joined with the same parameters the same number of cells: the largest.
+void match_cells(const std::vector<SheetPatch>& patches, std::vector<Cells>& cells) {
+  std::vector<std::size_t> group(2 * patches.size());
   std::iota(group.begin(), group.end(), 0);
   const auto root = [&](std::size_t i) {
     while (group[i] != i) i = group[i] = group[group[i]];
     return i;
   };
-  for (std::size_t p = 0; p < patches_.size(); ++p) {
-    const SheetPatch& patch = patches_[p];
+  for (std::size_t p = 0; p < patches.size(); ++p) {
+    const SheetPatch& patch = patches[p];
     if (!patch.trim.empty()) continue;
     for (std::size_t side = 0; side < 4; ++side) {
       const SheetJoin& first = patch.joins[side * SheetPatch::kParts];
-      if (first.patch == SheetJoin::kOpen || !patches_[first.patch].trim.empty()) continue;
+      if (first.patch == SheetJoin::kOpen || !patches[first.patch].trim.empty()) continue;
       const std::size_t other = first.part / SheetPatch::kParts;
-      bool whole = true;
-      for (std::size_t k = 0; k < SheetPatch::kParts; ++k) {
-        const SheetJoin& join = patch.joins[side * SheetPatch::kParts + k];
-        whole = whole && join.patch == first.patch && join.part / SheetPatch::kParts == other;
-      }
-      if (whole) group[root(2 * p + (side < 2 ? 1 : 0))] = root(2 * first.patch + (other < 2 ? 1 : 0));
+      if (is_joined_to_one_side(patch, side))
+        group[root(2 * p + (side < 2 ? 1 : 0))] = root(2 * first.patch + (other < 2 ? 1 : 0));
     }
   }
   std::vector<int> most(group.size(), 1);
   for (std::size_t i = 0; i < group.size(); ++i) most[root(i)] = std::max(most[root(i)], cells[i / 2][i % 2]);
-  SheetMesh made;
-  for (std::uint32_t p = 0; p < patches_.size(); ++p)
-    StripMesher(patches_[p], p, {most[root(2 * p)], most[root(2 * p + 1)]}, made);
+  for (std::size_t i = 0; i < group.size(); ++i) cells[i / 2][i % 2] = most[root(i)];
+}
 
-  // Vertices of different patches at the same place get the same coordinates, so that no gap is between them.
-  const double cell = 4 * kSameEdge * size_, same = kSameEdge * size_;
-  std::map<std::array<std::int64_t, 3>, std::vector<std::uint32_t>> found;
+/// Vertices in the cells of a grid, where near ones are found.
+class VertexGrid {
+ public:
+  VertexGrid(const std::vector<Vec3>& vertices, double same) : vertices_(vertices), same_(same), cell_(4 * same) {}
+
+  /// Returns a vertex of the grid that is at the same place, but for `same`; null if there is none.
+  [[nodiscard]] const Vec3* at(const Vec3& place) const {
+    const Key low = key(place - Vec3::Constant(same_)), high = key(place + Vec3::Constant(same_));
+    for (std::int64_t x = low[0]; x <= high[0]; ++x)
+      for (std::int64_t y = low[1]; y <= high[1]; ++y)
+        for (std::int64_t z = low[2]; z <= high[2]; ++z)
+          if (const auto list = grid_.find({x, y, z}); list != grid_.end())
+            for (const std::uint32_t i : list->second)
+              if ((vertices_[i] - place).norm() < same_) return &vertices_[i];
+    return nullptr;
+  }
+
+  void add(std::uint32_t i) { grid_[key(vertices_[i])].push_back(i); }
+
+ private:
+  using Key = std::array<std::int64_t, 3>;
+
+  [[nodiscard]] Key key(const Vec3& place) const {
+    return {static_cast<std::int64_t>(std::floor(place.x() / cell_)),
+            static_cast<std::int64_t>(std::floor(place.y() / cell_)),
+            static_cast<std::int64_t>(std::floor(place.z() / cell_))};
+  }
+
+  const std::vector<Vec3>& vertices_;
+  double same_, cell_;
+  std::map<Key, std::vector<std::uint32_t>> grid_;
+};
+
+/// Gives vertices of different patches at the same place the same coordinates, so that no gap is between them.
+void close_seams(const std::vector<SheetPatch>& patches, double same, SheetMesh& made) {
+  VertexGrid grid(made.mesh.vertices, same);
   for (std::uint32_t i = 0; i < made.places.size(); ++i) {
-    const SheetPatch& patch = patches_[made.places[i].patch];
+    const SheetPatch& patch = patches[made.places[i].patch];
     const Vec2& at = made.places[i].at;
     if (patch.trim.empty() && (at.array() > patch.surface.least().array()).all() &&
         (at.array() < patch.surface.most().array()).all())
       continue;
-    Vec3& vertex = made.mesh.vertices[i];
-    const auto key = [&](const Vec3& place) {
-      return std::array{static_cast<std::int64_t>(std::floor(place.x() / cell)),
-                        static_cast<std::int64_t>(std::floor(place.y() / cell)),
-                        static_cast<std::int64_t>(std::floor(place.z() / cell))};
-    };
-    bool snapped = false;
-    const auto low = key(vertex - Vec3::Constant(same)), high = key(vertex + Vec3::Constant(same));
-    for (std::int64_t x = low[0]; x <= high[0] && !snapped; ++x)
-      for (std::int64_t y = low[1]; y <= high[1] && !snapped; ++y)
-        for (std::int64_t z = low[2]; z <= high[2] && !snapped; ++z)
-          if (const auto list = found.find({x, y, z}); list != found.end())
-            for (const std::uint32_t other : list->second)
-              if (!snapped && (made.mesh.vertices[other] - vertex).norm() < same) {
-                vertex = made.mesh.vertices[other];
-                snapped = true;
-              }
-    if (!snapped) found[key(vertex)].push_back(i);
+    if (const Vec3* const known = grid.at(made.mesh.vertices[i]))
+      made.mesh.vertices[i] = *known;
+    else
+      grid.add(i);
   }
-  std::erase_if(made.mesh.triangles, [&](const auto& t) {
-    const Vec3 &a = made.mesh.vertices[t[0]], &b = made.mesh.vertices[t[1]], &c = made.mesh.vertices[t[2]];
+}
+
+/// Drops triangles without an area.
+void drop_flat_triangles(TriangleMesh& mesh) {
+  std::erase_if(mesh.triangles, [&](const auto& t) {
+    const Vec3 &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
     const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
     return !((b - a).cross(c - a).norm() > 1e-14 * longest);
   });
+}
+
+}  // namespace
+
+SheetMesh NurbsSheet::tessellate(double tolerance) const {
+  std::vector<Cells> cells = cells_within(patches_, tolerance);
+  match_cells(patches_, cells);
+  SheetMesh made;
+  for (std::uint32_t p = 0; p < patches_.size(); ++p) StripMesher(patches_[p], p, cells[p], made).triangulate();
+  close_seams(patches_, kSameEdge * size_, made);
+  drop_flat_triangles(made.mesh);
   return made;
 }
 
