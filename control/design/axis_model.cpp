@@ -53,37 +53,65 @@ struct Continuous {
   int drift = -1;
 
   explicit Continuous(const AxisModel& model) {
-    int states = 0;
+    const States at = states_of(model);
+    drift = at.drift;
+    rates.setZero(at.count, at.count);
+    for (VectorXd* const vector : {&force, &density, &together, &moving, &balanced}) vector->setZero(at.count);
+    add_device(model, at);
+    Body held{at.device, model.mass};
+    if (at.link >= 0) held = add_link(model.link, held, at.link);
+    if (at.hand >= 0) held = add_hand(model.hand, held, at.hand);
+    if (at.drift >= 0) add_drift(model.noise, held);
+    if (at.tremor >= 0) add_tremor(model.noise, held, at.tremor);
+  }
+
+ private:
+  /// The first state of each part; -1: the model has no such part.
+  struct States {
+    int device = -1, lag = -1, link = -1, hand = -1, drift = -1, tremor = -1;
+    int count = 0;
+  };
+
+  /// A body is its position; its velocity is the next state.
+  struct Body {
+    int at;
+    double mass;
+  };
+
+  static States states_of(const AxisModel& model) {
+    States states;
     const auto add = [&](bool present, int count) {
-      const int first = present ? states : -1;
-      if (present) states += count;
+      const int first = present ? states.count : -1;
+      if (present) states.count += count;
       return first;
     };
-    const int x = add(true, 2), f = add(model.lag > 0, 1), link = add(model.link.mass > 0, 2);
-    const int hand = add(model.hand.mass > 0, 3);
-    drift = add(model.noise.drift > 0, 1);
-    const int tremor = add(model.noise.tremor > 0, 2);
-    rates.setZero(states, states);
-    force.setZero(states);
-    density.setZero(states);
-    together.setZero(states);
-    moving.setZero(states);
-    balanced.setZero(states);
+    states.device = add(true, 2);
+    states.lag = add(model.lag > 0, 1);
+    states.link = add(model.link.mass > 0, 2);
+    states.hand = add(model.hand.mass > 0, 3);
+    states.drift = add(model.noise.drift > 0, 1);
+    states.tremor = add(model.noise.tremor > 0, 2);
+    return states;
+  }
 
-    // A body is its position; its velocity is the next state.
-    const auto body = [&](int at) {
-      rates(at, at + 1) = 1;
-      together[at] = moving[at + 1] = 1;
-    };
-    const auto connect = [&](int a, double mass_a, int b, double mass_b, double stiffness, double damping) {
-      for (const auto& [from, to, mass] : {std::tuple{a, b, mass_a}, {b, a, mass_b}}) {
-        rates(from + 1, from) -= stiffness / mass;
-        rates(from + 1, to) += stiffness / mass;
-        rates(from + 1, from + 1) -= damping / mass;
-        rates(from + 1, to + 1) += damping / mass;
-      }
-    };
-    body(x);
+  void add_body(int at) {
+    rates(at, at + 1) = 1;
+    together[at] = moving[at + 1] = 1;
+  }
+
+  void connect(const Body& a, const Body& b, double stiffness, double damping) {
+    for (const auto& [from, to, mass] : {std::tuple{a.at, b.at, a.mass}, {b.at, a.at, b.mass}}) {
+      rates(from + 1, from) -= stiffness / mass;
+      rates(from + 1, to) += stiffness / mass;
+      rates(from + 1, from + 1) -= damping / mass;
+      rates(from + 1, to + 1) += damping / mass;
+    }
+  }
+
+  /// Adds the mass and the damping, and the motor, which the force drives with a lag or at once.
+  void add_device(const AxisModel& model, const States& at) {
+    const int x = at.device, f = at.lag;
+    add_body(x);
     rates(x + 1, x + 1) = -model.viscous / model.mass;
     density[x + 1] = std::pow(model.force_noise / model.mass, 2);
     if (f >= 0) {
@@ -94,46 +122,49 @@ struct Continuous {
     } else {
       force[x + 1] = 1 / model.mass;
     }
-    int held = x;  // the body on which the hand acts
-    double held_mass = model.mass;
-    if (link >= 0) {
-      body(link);
-      connect(x, model.mass, link, model.link.mass, model.link.stiffness, model.link.damping);
-      balanced[link] = 1 / model.link.stiffness;
-      held = link;
-      held_mass = model.link.mass;
-    }
-    if (hand >= 0) {
-      const HandModel& h = model.hand;
-      body(hand);
-      connect(held, held_mass, hand, h.mass, h.grip_stiffness, h.grip_damping);
-      const int elbow = hand + 2;
-      rates(hand + 1, hand) -= h.arm_stiffness / h.mass;
-      rates(hand + 1, elbow) += h.arm_stiffness / h.mass;
-      rates(hand + 1, hand + 1) -= h.arm_damping / h.mass;
-      rates(elbow, hand) = 1 / h.arm_relaxation_s;
-      rates(elbow, elbow) = -1 / h.arm_relaxation_s;
-      together[elbow] = 1;
-      balanced[hand] = balanced[elbow] = balanced[held] + 1 / h.grip_stiffness;
-      held = hand;
-      held_mass = h.mass;
-    }
-    if (drift >= 0) {
-      const double corner = kTwoPi * model.noise.drift_hz;
-      rates(held + 1, drift) = 1 / held_mass;
-      rates(drift, drift) = -corner;
-      balanced[drift] = 1;
-      density[drift] = 2 * corner * model.noise.drift * model.noise.drift;
-    }
-    if (tremor >= 0) {
-      constexpr double kZeta = HandNoise::kTremorDamping;
-      const double w = kTwoPi * model.noise.tremor_hz;
-      rates(held + 1, tremor) = 1 / held_mass;
-      rates(tremor, tremor + 1) = 1;
-      rates(tremor + 1, tremor) = -w * w;
-      rates(tremor + 1, tremor + 1) = -2 * kZeta * w;
-      density[tremor + 1] = 4 * kZeta * w * w * w * model.noise.tremor * model.noise.tremor;
-    }
+  }
+
+  /// Returns the body on which the hand acts: the link.
+  Body add_link(const LinkModel& link, const Body& device, int at) {
+    const Body body{at, link.mass};
+    add_body(at);
+    connect(device, body, link.stiffness, link.damping);
+    balanced[at] = 1 / link.stiffness;
+    return body;
+  }
+
+  /// Returns the body on which the noise acts: the hand, which the arm holds.
+  Body add_hand(const HandModel& h, const Body& held, int at) {
+    const Body body{at, h.mass};
+    add_body(at);
+    connect(held, body, h.grip_stiffness, h.grip_damping);
+    const int elbow = at + 2;
+    rates(at + 1, at) -= h.arm_stiffness / h.mass;
+    rates(at + 1, elbow) += h.arm_stiffness / h.mass;
+    rates(at + 1, at + 1) -= h.arm_damping / h.mass;
+    rates(elbow, at) = 1 / h.arm_relaxation_s;
+    rates(elbow, elbow) = -1 / h.arm_relaxation_s;
+    together[elbow] = 1;
+    balanced[at] = balanced[elbow] = balanced[held.at] + 1 / h.grip_stiffness;
+    return body;
+  }
+
+  void add_drift(const HandNoise& noise, const Body& held) {
+    const double corner = kTwoPi * noise.drift_hz;
+    rates(held.at + 1, drift) = 1 / held.mass;
+    rates(drift, drift) = -corner;
+    balanced[drift] = 1;
+    density[drift] = 2 * corner * noise.drift * noise.drift;
+  }
+
+  void add_tremor(const HandNoise& noise, const Body& held, int at) {
+    constexpr double kZeta = HandNoise::kTremorDamping;
+    const double w = kTwoPi * noise.tremor_hz;
+    rates(held.at + 1, at) = 1 / held.mass;
+    rates(at, at + 1) = 1;
+    rates(at + 1, at) = -w * w;
+    rates(at + 1, at + 1) = -2 * kZeta * w;
+    density[at + 1] = 4 * kZeta * w * w * w * noise.tremor * noise.tremor;
   }
 };
 

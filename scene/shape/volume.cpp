@@ -38,6 +38,144 @@ struct Bend {
   double of_along, of_across;
 };
 
+/// The triangles of a field's zeros: a vertex in every cell of a lattice whose corners have both signs, and a quad
+/// around every edge of the lattice whose ends differ. The lattice divides each cell of the field into `fine` along
+/// each axis.
+class ZeroMesher {
+ public:
+  ZeroMesher(const ScalarField& field, int fine, bool mirrored) : field_(field), fine_(fine), mirrored_(mirrored) {
+    for (std::size_t axis = 0; axis < 3; ++axis) count_[axis] = fine_ * (field_.size()[axis] - 3) + 1;
+    columns_ = static_cast<std::size_t>(count_[0]);
+    const std::size_t plane = columns_ * static_cast<std::size_t>(count_[1]);
+    below_.resize(plane);
+    above_.resize(plane);
+    cells_.assign(plane, kNone);
+    cells_below_.assign(plane, kNone);
+    find_near();
+  }
+
+  TriangleMesh run() {
+    find_signs(0, below_);
+    for (int k = 0; k + 1 < count_[2]; ++k) {
+      find_signs(k + 1, above_);
+      std::fill(cells_.begin(), cells_.end(), kNone);
+      for (int j = 0; j + 1 < count_[1]; ++j)
+        for (int i = 0; i + 1 < count_[0]; ++i) mesh_cell(i, j, k);
+      std::swap(cells_, cells_below_);
+      std::swap(below_, above_);
+    }
+    return std::move(mesh_);
+  }
+
+ private:
+  static constexpr std::uint32_t kNone = 0xffffffff;
+
+  [[nodiscard]] Vec3 index_of(const Vec3& lattice) const { return Vec3::Ones() + lattice / fine_; }
+
+  [[nodiscard]] std::uint8_t& near_at(int i, int j, int k) {
+    const auto& size = field_.size();
+    return near_[static_cast<std::size_t>(i) +
+                 static_cast<std::size_t>(size[0]) *
+                     (static_cast<std::size_t>(j) + static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k))];
+  }
+
+  /// Marks the cells of the field that have a zero, or that are beside one that has: only cells of the lattice in them
+  /// can have one.
+  void find_near() {
+    const auto& size = field_.size();
+    near_.resize(static_cast<std::size_t>(size[0]) * static_cast<std::size_t>(size[1]) *
+                 static_cast<std::size_t>(size[2]));
+    field_.each_zero_cell([&](int i, int j, int k) {
+      for (int c = k - 1; c <= k + 1; ++c)
+        for (int b = j - 1; b <= j + 1; ++b)
+          for (int a = i - 1; a <= i + 1; ++a) near_at(a, b, c) = 1;
+    });
+  }
+
+  /// Finds where the field is negative on a plane of the lattice.
+  void find_signs(int k, std::vector<std::uint8_t>& signs) {
+    const auto& size = field_.size();
+    for (int j = 0; j < count_[1]; ++j)
+      for (int i = 0; i < count_[0]; ++i) {
+        const Vec3 u = index_of(Vec3(i, j, k));
+        const int a = std::min(static_cast<int>(u.x()), size[0] - 3),
+                  b = std::min(static_cast<int>(u.y()), size[1] - 3),
+                  c = std::min(static_cast<int>(u.z()), size[2] - 3);
+        // Away from the zeros, and at the samples, the sign is that of the sample.
+        const bool sampled = near_at(a, b, c) == 0 || (i % fine_ == 0 && j % fine_ == 0 && k % fine_ == 0);
+        const int ia = i / fine_ + 1, ib = j / fine_ + 1, ic = k / fine_ + 1;
+        signs[static_cast<std::size_t>(i) + columns_ * static_cast<std::size_t>(j)] =
+            sampled ? field_.negative(ia, ib, ic) : field_.slope_at(field_.place_of(u)).value < 0;
+      }
+  }
+
+  /// Makes the vertex of a cell of the lattice, and the quads around the edges at its least corner.
+  void mesh_cell(int i, int j, int k) {
+    const std::size_t at = static_cast<std::size_t>(i) + columns_ * static_cast<std::size_t>(j);
+    const std::array<std::uint8_t, 8> s{below_[at], below_[at + 1], below_[at + columns_], below_[at + columns_ + 1],
+                                        above_[at], above_[at + 1], above_[at + columns_], above_[at + columns_ + 1]};
+    Vec3 sum = Vec3::Zero();
+    int crossings = 0;
+    for (unsigned corner = 0; corner < 8; ++corner)
+      for (unsigned axis = 0; axis < 3; ++axis) {
+        const unsigned other = corner | (1U << axis);
+        if (other == corner || s[corner] == s[other]) continue;
+        Vec3 middle((corner & 1) != 0, (corner & 2) != 0, (corner & 4) != 0);
+        middle[static_cast<int>(axis)] = 0.5;
+        sum += middle;
+        ++crossings;
+      }
+    if (crossings > 0) cells_[at] = add_vertex(Vec3(i, j, k) + sum / crossings);
+    // Each edge of the lattice at this corner whose ends differ is crossed by the quad of the cells around it.
+    if (s[0] != s[1] && j > 0 && k > 0)
+      add_quad(cells_below_[at - columns_], cells_below_[at], cells_[at], cells_[at - columns_], s[0] == 0);
+    if (s[0] != s[2] && i > 0 && k > 0)
+      add_quad(cells_below_[at - 1], cells_[at - 1], cells_[at], cells_below_[at], s[0] == 0);
+    if (s[0] != s[4] && i > 0 && j > 0)
+      add_quad(cells_[at - 1 - columns_], cells_[at - columns_], cells_[at], cells_[at - 1], s[0] == 0);
+  }
+
+  /// Adds a vertex on the zeros near a place of the lattice.
+  std::uint32_t add_vertex(const Vec3& middle) {
+    Vec3 place = field_.place_of(index_of(middle));
+    const Vec3 start = place;
+    for (int polish = 0; polish < 4; ++polish) {
+      const FieldPoint point = field_.slope_at(place);
+      const double steep = point.gradient.squaredNorm();
+      if (!(steep > 0)) break;
+      const Vec3 next = place - point.value / steep * point.gradient;
+      // Not into another cell's neighbour.
+      if (!((fine_ * (field_.index_of(next) - field_.index_of(start))).cwiseAbs().maxCoeff() < 1)) break;
+      place = next;
+    }
+    mesh_.vertices.push_back(place);
+    return static_cast<std::uint32_t>(mesh_.vertices.size() - 1);
+  }
+
+  /// Adds two triangles along the shorter diagonal.
+  void add_quad(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d, bool turned) {
+    if (turned != mirrored_) std::swap(b, d);
+    const auto& v = mesh_.vertices;
+    if ((v[a] - v[c]).squaredNorm() <= (v[b] - v[d]).squaredNorm()) {
+      mesh_.triangles.push_back({a, b, c});
+      mesh_.triangles.push_back({a, c, d});
+    } else {
+      mesh_.triangles.push_back({b, c, d});
+      mesh_.triangles.push_back({b, d, a});
+    }
+  }
+
+  const ScalarField& field_;
+  int fine_;
+  bool mirrored_;  ///< the axes of the field are left-handed
+  std::array<int, 3> count_{};
+  std::size_t columns_ = 0;
+  std::vector<std::uint8_t> near_;                  ///< cells of the field
+  std::vector<std::uint8_t> below_, above_;         ///< signs at two planes of the lattice
+  std::vector<std::uint32_t> cells_, cells_below_;  ///< vertices of two layers of cells
+  TriangleMesh mesh_;
+};
+
 }  // namespace
 
 Volume::Volume(std::shared_ptr<const VolumeData> data, const VolumeSpec& spec, std::vector<std::string> remarks)
@@ -270,107 +408,7 @@ TriangleMesh Volume::tessellated(double tolerance, const Box&) const {
   const double side = field_->spacing().maxCoeff();
   const int fine =
       std::clamp(static_cast<int>(std::ceil(std::sqrt(0.25 * side / std::max(tolerance, 1e-9)))), 1, kFinest);
-  const auto& size = field_->size();
-  std::array<int, 3> count{};
-  for (std::size_t axis = 0; axis < 3; ++axis) count[axis] = fine * (size[axis] - 3) + 1;
-  const auto index_of = [&](const Vec3& lattice) { return Vec3(Vec3::Ones() + lattice / fine); };
-
-  // Only cells of the lattice in or beside cells of the field that have a zero can have one.
-  std::vector<std::uint8_t> near(static_cast<std::size_t>(size[0]) * static_cast<std::size_t>(size[1]) *
-                                 static_cast<std::size_t>(size[2]));
-  const auto cell_at = [&](int i, int j, int k) -> std::uint8_t& {
-    return near[static_cast<std::size_t>(i) +
-                static_cast<std::size_t>(size[0]) *
-                    (static_cast<std::size_t>(j) + static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k))];
-  };
-  field_->each_zero_cell([&](int i, int j, int k) {
-    for (int c = k - 1; c <= k + 1; ++c)
-      for (int b = j - 1; b <= j + 1; ++b)
-        for (int a = i - 1; a <= i + 1; ++a) cell_at(a, b, c) = 1;
-  });
-
-  const auto columns = static_cast<std::size_t>(count[0]), plane = columns * static_cast<std::size_t>(count[1]);
-  constexpr std::uint32_t kNone = 0xffffffff;
-  std::vector<std::uint8_t> below(plane), above(plane);  // signs at two planes of the lattice
-  std::vector<std::uint32_t> cells(plane, kNone), cells_below(plane, kNone);
-  const auto fill = [&](int k, std::vector<std::uint8_t>& signs) {
-    for (int j = 0; j < count[1]; ++j)
-      for (int i = 0; i < count[0]; ++i) {
-        const Vec3 u = index_of(Vec3(i, j, k));
-        const int a = std::min(static_cast<int>(u.x()), size[0] - 3),
-                  b = std::min(static_cast<int>(u.y()), size[1] - 3),
-                  c = std::min(static_cast<int>(u.z()), size[2] - 3);
-        // Away from the zeros, and at the samples, the sign is that of the sample.
-        const bool sampled = cell_at(a, b, c) == 0 || (i % fine == 0 && j % fine == 0 && k % fine == 0);
-        const int ia = i / fine + 1, ib = j / fine + 1, ic = k / fine + 1;
-        signs[static_cast<std::size_t>(i) + columns * static_cast<std::size_t>(j)] =
-            sampled ? field_->negative(ia, ib, ic) : field_->slope_at(field_->place_of(u)).value < 0;
-      }
-  };
-
-  TriangleMesh mesh;
-  const auto vertex_of = [&](const Vec3& middle) {
-    Vec3 place = field_->place_of(index_of(middle));
-    const Vec3 start = place;
-    for (int polish = 0; polish < 4; ++polish) {
-      const FieldPoint point = field_->slope_at(place);
-      const double steep = point.gradient.squaredNorm();
-      if (!(steep > 0)) break;
-      const Vec3 next = place - point.value / steep * point.gradient;
-      // Not into another cell's neighbour.
-      if (!((fine * (field_->index_of(next) - field_->index_of(start))).cwiseAbs().maxCoeff() < 1)) break;
-      place = next;
-    }
-    mesh.vertices.push_back(place);
-    return static_cast<std::uint32_t>(mesh.vertices.size() - 1);
-  };
-  const bool mirrored = data_->steps.determinant() < 0;
-  const auto quad = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d, bool turned) {
-    if (turned != mirrored) std::swap(b, d);
-    // Along the shorter diagonal.
-    const auto& v = mesh.vertices;
-    if ((v[a] - v[c]).squaredNorm() <= (v[b] - v[d]).squaredNorm()) {
-      mesh.triangles.push_back({a, b, c});
-      mesh.triangles.push_back({a, c, d});
-    } else {
-      mesh.triangles.push_back({b, c, d});
-      mesh.triangles.push_back({b, d, a});
-    }
-  };
-
-  fill(0, below);
-  for (int k = 0; k + 1 < count[2]; ++k) {
-    fill(k + 1, above);
-    std::fill(cells.begin(), cells.end(), kNone);
-    for (int j = 0; j + 1 < count[1]; ++j)
-      for (int i = 0; i + 1 < count[0]; ++i) {
-        const std::size_t at = static_cast<std::size_t>(i) + columns * static_cast<std::size_t>(j);
-        const std::array<std::uint8_t, 8> s{below[at], below[at + 1], below[at + columns], below[at + columns + 1],
-                                            above[at], above[at + 1], above[at + columns], above[at + columns + 1]};
-        Vec3 sum = Vec3::Zero();
-        int crossings = 0;
-        for (unsigned corner = 0; corner < 8; ++corner)
-          for (unsigned axis = 0; axis < 3; ++axis) {
-            const unsigned other = corner | (1U << axis);
-            if (other == corner || s[corner] == s[other]) continue;
-            Vec3 middle((corner & 1) != 0, (corner & 2) != 0, (corner & 4) != 0);
-            middle[static_cast<int>(axis)] = 0.5;
-            sum += middle;
-            ++crossings;
-          }
-        if (crossings > 0) cells[at] = vertex_of(Vec3(i, j, k) + sum / crossings);
-        // Each edge of the lattice at this corner whose ends differ is crossed by the quad of the cells around it.
-        if (s[0] != s[1] && j > 0 && k > 0)
-          quad(cells_below[at - columns], cells_below[at], cells[at], cells[at - columns], s[0] == 0);
-        if (s[0] != s[2] && i > 0 && k > 0)
-          quad(cells_below[at - 1], cells[at - 1], cells[at], cells_below[at], s[0] == 0);
-        if (s[0] != s[4] && i > 0 && j > 0)
-          quad(cells[at - 1 - columns], cells[at - columns], cells[at], cells[at - 1], s[0] == 0);
-      }
-    std::swap(cells, cells_below);
-    std::swap(below, above);
-  }
-  return mesh;
+  return ZeroMesher(*field_, fine, data_->steps.determinant() < 0).run();
 }
 
 std::vector<Knob> Volume::knobs() const {
