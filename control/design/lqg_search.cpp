@@ -282,39 +282,61 @@ std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& n
   return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving, kLearnedNoise * plain_ripple)};
 }
 
-std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
-    const std::array<std::optional<AxisModel>, 3>& identified, const LqgSearchOptions& options, const StopRequest& stop,
-    const std::function<void(double)>& progress) {
+namespace {
+
+/// Searches of several axes, of which the first leads: the axes of a device in a hand are alike.
+class LqgSearches {
+ public:
+  using Results = std::array<std::optional<LqgResult>, 3>;
+
+  LqgSearches(const std::array<std::optional<AxisModel>, 3>& identified, const LqgSearchOptions& options,
+              const StopRequest& stop, const std::function<void(double)>& progress)
+      : options_(options), stop_(stop), progress_(progress) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      if (identified[axis]) axes_.push_back({axis, AxisSearch(*identified[axis], options), options.like});
+  }
+
+  /// Returns nothing if it was stopped.
+  std::optional<Results> run() {
+    if (axes_.empty()) return Results{};
+    jobs_ = jobs_of(options_.like ? kFewStarts : kStarts) + static_cast<double>(axes_.size() - 1) * jobs_of(kFewStarts);
+    const std::span<Axis> all = axes_;
+    if (!search(all.first(1))) return std::nullopt;
+    for (Axis& axis : all.subspan(1)) axis.like = numbers_of(all[0].best);
+    if (axes_.size() > 1 && !search(all.subspan(1))) return std::nullopt;
+    Results results;
+    for (const Axis& axis : axes_) results[axis.axis] = axis.search.result(axis.best);
+    return results;
+  }
+
+ private:
   struct Axis {
     std::size_t axis;
     AxisSearch search;
     std::optional<LqgNumbers> like;
-    std::vector<Point> found{};
+    std::vector<Point> found{};  ///< from every start
     std::vector<double> value{};
     Point best{};
   };
-  std::vector<Axis> axes;
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    if (identified[axis]) axes.push_back({axis, AxisSearch(*identified[axis], options), options.like});
-  if (axes.empty()) return std::array<std::optional<LqgResult>, 3>{};
 
   // The last search of an axis takes about as long as two of the first.
-  const auto jobs_of = [](std::size_t starts) { return static_cast<double>(starts + 2); };
-  const double jobs =
-      jobs_of(options.like ? kFewStarts : kStarts) + static_cast<double>(axes.size() - 1) * jobs_of(kFewStarts);
-  double before = 0;
-  const auto report = [&](double done) {
-    if (progress) progress((before + done) / jobs);
-  };
-  const auto search = [&](std::span<Axis> group) {
+  static double jobs_of(std::size_t starts) { return static_cast<double>(starts + 2); }
+
+  void report(double done) const {
+    if (progress_) progress_((before_ + done) / jobs_);
+  }
+
+  bool search(std::span<Axis> group) { return search_from_starts(group) && polish_best(group); }
+
+  bool search_from_starts(std::span<Axis> group) {
     std::vector<std::pair<Axis*, std::size_t>> starts;
     for (Axis& axis : group) {
       axis.found.resize(axis.like ? kFewStarts : kStarts);
       axis.value.resize(axis.found.size());
       for (std::size_t start = 0; start < axis.found.size(); ++start) starts.emplace_back(&axis, start);
     }
-    const bool first = run_parallel(
-        starts.size(), options.threads, stop,
+    const bool whole = run_parallel(
+        starts.size(), options_.threads, stop_,
         [&](std::size_t job) {
           const auto& [axis, start] = starts[job];
           const AxisSearch& own = axis->search;
@@ -323,28 +345,36 @@ std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
           axis->value[start] = own.value(axis->found[start]);
         },
         [&](std::size_t done) { report(static_cast<double>(done)); });
-    if (!first) return false;
-    before += static_cast<double>(starts.size());
-    const bool last = run_parallel(
-        group.size(), options.threads, stop,
+    if (whole) before_ += static_cast<double>(starts.size());
+    return whole;
+  }
+
+  bool polish_best(std::span<Axis> group) {
+    const bool whole = run_parallel(
+        group.size(), options_.threads, stop_,
         [&](std::size_t job) {
           Axis& axis = group[job];
           const auto best = std::min_element(axis.value.begin(), axis.value.end()) - axis.value.begin();
           axis.best = axis.search.followed(axis.found[static_cast<std::size_t>(best)], kLastEvaluations);
         },
         [&](std::size_t done) { report(2 * static_cast<double>(done)); });
-    before += 2 * static_cast<double>(group.size());
-    return last;
-  };
-  // The axes of a device in a hand are alike.
-  const std::span<Axis> all = axes;
-  if (!search(all.first(1))) return std::nullopt;
-  for (Axis& axis : all.subspan(1)) axis.like = numbers_of(all[0].best);
-  if (axes.size() > 1 && !search(all.subspan(1))) return std::nullopt;
+    before_ += 2 * static_cast<double>(group.size());
+    return whole;
+  }
 
-  std::array<std::optional<LqgResult>, 3> results;
-  for (const Axis& axis : axes) results[axis.axis] = axis.search.result(axis.best);
-  return results;
+  const LqgSearchOptions& options_;
+  const StopRequest& stop_;
+  const std::function<void(double)>& progress_;
+  std::vector<Axis> axes_;
+  double jobs_ = 0, before_ = 0;  ///< all jobs, and those that are done
+};
+
+}  // namespace
+
+std::optional<std::array<std::optional<LqgResult>, 3>> search_lqg(
+    const std::array<std::optional<AxisModel>, 3>& identified, const LqgSearchOptions& options, const StopRequest& stop,
+    const std::function<void(double)>& progress) {
+  return LqgSearches(identified, options, stop, progress).run();
 }
 
 }  // namespace haptrace

@@ -313,58 +313,77 @@ struct Joins {
   std::vector<Edge> edges;
 };
 
-/// Turns triangles over until neighbours agree on the outside. Throws Error(input) if they cannot.
-void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
-  const std::size_t count = mesh.triangles.size();
+/// The neighbours of every triangle, over the edges that two triangles share.
+class Neighbours {
+ public:
   struct Neighbour {
     std::uint32_t triangle;
-    bool agrees;
+    bool agrees;  ///< on the outside
   };
-  std::vector<std::uint32_t> first(count + 1, 0);
-  const Joins joins(mesh);
-  joins.each([&](const Joins::Edge* edge, std::size_t number) {
-    if (number == 1) {
-      if (report.open_edges++ == 0) {
-        const auto& t = mesh.triangles[edge->triangle];
-        report.open_at = 0.5 * (mesh.vertices[t[edge->corner]] + mesh.vertices[t[(edge->corner + 1U) % 3]]);
-      }
-    } else if (number == 2) {
-      ++first[edge[0].triangle + 1];
-      ++first[edge[1].triangle + 1];
-    } else {
-      ++report.shared_edges;
-    }
-  });
-  for (std::size_t t = 0; t < count; ++t) first[t + 1] += first[t];
-  std::vector<Neighbour> list(first.back());
-  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
-  joins.each([&](const Joins::Edge* edge, std::size_t number) {
-    if (number != 2) return;
-    const bool agrees = edge[0].forwards != edge[1].forwards;
-    list[next[edge[0].triangle]++] = {edge[1].triangle, agrees};
-    list[next[edge[1].triangle]++] = {edge[0].triangle, agrees};
-  });
 
+  Neighbours(const Joins& joins, std::size_t triangles) : first_(triangles + 1, 0) {
+    joins.each([&](const Joins::Edge* edge, std::size_t number) {
+      if (number != 2) return;
+      ++first_[edge[0].triangle + 1];
+      ++first_[edge[1].triangle + 1];
+    });
+    for (std::size_t t = 0; t < triangles; ++t) first_[t + 1] += first_[t];
+    list_.resize(first_.back());
+    std::vector<std::uint32_t> next(first_.begin(), first_.end() - 1);
+    joins.each([&](const Joins::Edge* edge, std::size_t number) {
+      if (number != 2) return;
+      const bool agrees = edge[0].forwards != edge[1].forwards;
+      list_[next[edge[0].triangle]++] = {edge[1].triangle, agrees};
+      list_[next[edge[1].triangle]++] = {edge[0].triangle, agrees};
+    });
+  }
+
+  [[nodiscard]] std::span<const Neighbour> of(std::uint32_t triangle) const {
+    return std::span(list_).subspan(first_[triangle], first_[triangle + 1] - first_[triangle]);
+  }
+
+ private:
+  std::vector<std::uint32_t> first_;  ///< in the list, of every triangle
+  std::vector<Neighbour> list_;
+};
+
+/// Counts the edges that one triangle has alone, and those that more than two share.
+void count_edges(const Joins& joins, const TriangleMesh& mesh, MeshReport& report) {
+  joins.each([&](const Joins::Edge* edge, std::size_t number) {
+    if (number > 2) ++report.shared_edges;
+    if (number != 1 || report.open_edges++ > 0) return;
+    const auto& t = mesh.triangles[edge->triangle];
+    report.open_at = 0.5 * (mesh.vertices[t[edge->corner]] + mesh.vertices[t[(edge->corner + 1U) % 3]]);
+  });
+}
+
+/// Decides which triangles are to be turned over, part by part.
+class Orientation {
+ public:
   enum class Turn : std::uint8_t { unknown, stays, turns };
-  std::vector<Turn> turn(count, Turn::unknown);
-  std::vector<std::uint32_t> part;
-  for (std::uint32_t seed = 0; seed < count; ++seed) {
-    if (turn[seed] != Turn::unknown) continue;
-    ++report.parts;
-    part.assign(1, seed);
-    turn[seed] = Turn::stays;
-    std::size_t turning = 0;
-    for (std::size_t i = 0; i < part.size(); ++i) {
-      const std::uint32_t t = part[i];
-      turning += turn[t] == Turn::turns ? 1 : 0;
-      for (std::uint32_t k = first[t]; k < first[t + 1]; ++k) {
-        const Turn wanted = list[k].agrees == (turn[t] == Turn::stays) ? Turn::stays : Turn::turns;
-        Turn& other = turn[list[k].triangle];
+
+  Orientation(const TriangleMesh& mesh, const Neighbours& neighbours)
+      : mesh_(mesh), neighbours_(neighbours), turn_(mesh.triangles.size(), Turn::unknown) {}
+
+  [[nodiscard]] bool known(std::uint32_t triangle) const { return turn_[triangle] != Turn::unknown; }
+
+  /// Finds the part of a triangle, and which of its triangles agree with this one. Throws Error(input) if the part has
+  /// only one side.
+  void spread_from(std::uint32_t seed, const std::string& name) {
+    part_.assign(1, seed);
+    turn_[seed] = Turn::stays;
+    turning_ = 0;
+    for (std::size_t i = 0; i < part_.size(); ++i) {
+      const std::uint32_t t = part_[i];
+      turning_ += turn_[t] == Turn::turns ? 1 : 0;
+      for (const Neighbours::Neighbour& neighbour : neighbours_.of(t)) {
+        const Turn wanted = neighbour.agrees == (turn_[t] == Turn::stays) ? Turn::stays : Turn::turns;
+        Turn& other = turn_[neighbour.triangle];
         if (other == Turn::unknown) {
           other = wanted;
-          part.push_back(list[k].triangle);
+          part_.push_back(neighbour.triangle);
         } else if (other != wanted) {
-          const Vec3& at = mesh.vertices[mesh.triangles[t][0]];
+          const Vec3& at = mesh_.vertices[mesh_.triangles[t][0]];
           throw input_error(
               fmt::format("{}: near ({:.4g}, {:.4g}, {:.4g}) m the triangles form a surface with only one side, like a "
                           "Moebius strip, "
@@ -373,13 +392,38 @@ void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
         }
       }
     }
-    // The majority of a part knows better.
-    const Turn flipped = 2 * turning > part.size() ? Turn::stays : Turn::turns;
-    for (const std::uint32_t t : part)
-      if (turn[t] == flipped) {
-        std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
-        ++report.turned;
-      }
+  }
+
+  /// Calls `turn` with the triangles of the last part that are to be turned over: the majority knows better.
+  template <class Do>
+  void each_turned(const Do& turn) const {
+    const Turn flipped = 2 * turning_ > part_.size() ? Turn::stays : Turn::turns;
+    for (const std::uint32_t t : part_)
+      if (turn_[t] == flipped) turn(t);
+  }
+
+ private:
+  const TriangleMesh& mesh_;
+  const Neighbours& neighbours_;
+  std::vector<Turn> turn_;
+  std::vector<std::uint32_t> part_;
+  std::size_t turning_ = 0;  ///< triangles of the part that do not agree with its first
+};
+
+/// Turns triangles over until neighbours agree on the outside. Throws Error(input) if they cannot.
+void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
+  const Joins joins(mesh);
+  count_edges(joins, mesh, report);
+  const Neighbours neighbours(joins, mesh.triangles.size());
+  Orientation orientation(mesh, neighbours);
+  for (std::uint32_t seed = 0; seed < mesh.triangles.size(); ++seed) {
+    if (orientation.known(seed)) continue;
+    ++report.parts;
+    orientation.spread_from(seed, name);
+    orientation.each_turned([&](std::uint32_t t) {
+      std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+      ++report.turned;
+    });
   }
 }
 

@@ -60,11 +60,10 @@ std::size_t join_edge(TriangleTree& tree, HalfEdge* edges, std::size_t count) {
   return 0;
 }
 
-}  // namespace
-
-MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
+/// Joins all triangles at their edges. Returns how many edges of triangles stay without a neighbour.
+std::size_t join_edges(const TriangleMesh& mesh, TriangleTree& tree) {
   const std::size_t vertices = mesh.vertices.size();
-  std::vector<std::uint32_t> first(vertices + 1, 0);
+  std::vector<std::uint32_t> first(vertices + 1, 0);  // of the edges at every lower vertex
   for (const auto& t : mesh.triangles)
     for (std::size_t i = 0; i < 3; ++i) ++first[std::min(t[i], t[(i + 1) % 3]) + 1];
   for (std::size_t v = 0; v < vertices; ++v) first[v + 1] += first[v];
@@ -75,6 +74,7 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
       const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1U) % 3];
       edges[next[std::min(from, to)]++] = {std::max(from, to), t, i, from < to};
     }
+  std::size_t open = 0;
   for (std::size_t v = 0; v < vertices; ++v) {
     HalfEdge* const begin = edges.data() + first[v];
     HalfEdge* const end = edges.data() + first[v + 1];
@@ -84,13 +84,16 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
     for (HalfEdge* at = begin; at != end;) {
       HalfEdge* same = at + 1;
       while (same != end && same->other == at->other) ++same;
-      open_edges += join_edge(tree, at, static_cast<std::size_t>(same - at));
+      open += join_edge(tree, at, static_cast<std::size_t>(same - at));
       at = same;
     }
   }
-  edges = {};
+  return open;
+}
 
-  // The fans around the vertices.
+/// Numbers the fans of triangles around the vertices: a vertex at which surfaces only touch has several. Returns how
+/// many there are.
+std::uint32_t number_fans(const TriangleMesh& mesh, TriangleTree& tree) {
   std::uint32_t fans = 0;
   for (std::uint32_t t = 0; t < tree.size(); ++t) tree.face(t).vertices.fill(Face::kNone);
   for (std::uint32_t t = 0; t < tree.size(); ++t)
@@ -111,6 +114,14 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
         }
       }
     }
+  return fans;
+}
+
+}  // namespace
+
+MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
+  open_edges = join_edges(mesh, tree);
+  const std::uint32_t fans = number_fans(mesh, tree);
   first_of.assign(std::size_t{fans} + 1, 0);
   vertex_normals.assign(fans, Vec3::Zero());
   for (std::uint32_t t = 0; t < tree.size(); ++t) {
@@ -123,7 +134,7 @@ MeshTopology::MeshTopology(const TriangleMesh& mesh, TriangleTree& tree) {
   for (Vec3& normal : vertex_normals) normal = normal.stableNormalized();
   for (std::size_t v = 0; v < fans; ++v) first_of[v + 1] += first_of[v];
   around.resize(3 * std::size_t{tree.size()});
-  next.assign(first_of.begin(), first_of.end() - 1);
+  std::vector<std::uint32_t> next(first_of.begin(), first_of.end() - 1);
   for (std::uint32_t t = 0; t < tree.size(); ++t)
     for (const std::uint32_t vertex : tree.face(t).vertices) around[next[vertex]++] = t;
 }
