@@ -478,40 +478,44 @@ Sliding sliding(const std::vector<Filtered>& rows) {
   return result;
 }
 
-SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
-  struct Block {
-    MatrixXd columns;  ///< kColumns regressors and the force
-  };
-  const double period = 1 / experiment.rate_hz;
-  std::vector<Block> blocks;
+/// The sliding parts of an axis' sweeps, and their cycles.
+struct SweptCycles {
   std::vector<Sliding> parts;
+  std::vector<MatrixXd> blocks;  ///< kColumns regressors and the force of each cycle, without the drift
+};
+
+SweptCycles swept_cycles(const Experiment& experiment, int axis, double delay) {
+  SweptCycles result;
   for (const Stretch& stretch : experiment.sweeps[static_cast<std::size_t>(axis)]) {
-    Sliding part =
-        sliding(filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay, period));
+    Sliding part = sliding(filter(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin), axis, delay,
+                                  1 / experiment.rate_hz));
     if (part.rows.empty()) continue;
     const MatrixXd without = least_squares_rest(part.drift, part.columns);
     const auto n = static_cast<Eigen::Index>(part.rows.size());
     for (Eigen::Index p = 0; p < part.cycles; ++p) {
       const Eigen::Index begin = n * p / part.cycles, end = n * (p + 1) / part.cycles;
-      blocks.push_back({without.middleRows(begin, end - begin)});
+      result.blocks.emplace_back(without.middleRows(begin, end - begin));
     }
-    parts.push_back(std::move(part));
+    result.parts.push_back(std::move(part));
   }
+  return result;
+}
 
-  SweepFit fit;
-  fit.blocks = blocks.size();
-  if (blocks.size() < 2) return fit;
+using Weights = Normal::Column;
+
+/// Fits all cycles, with intervals from the fits without each of them (jackknife). Returns the weights of the columns.
+Weights fit_cycles(const std::vector<MatrixXd>& blocks, SweepFit& fit) {
   Normal all;
   std::vector<Normal> own(blocks.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const MatrixXd all_products = transposed_product(blocks[b].columns, blocks[b].columns);
+    const MatrixXd all_products = transposed_product(blocks[b], blocks[b]);
     own[b].g = all_products.topLeftCorner<kColumns, kColumns>();
     own[b].h = all_products.topRightCorner<kColumns, 1>();
     all.g += own[b].g;
     all.h += own[b].h;
   }
-  const Eigen::Matrix<double, kColumns, 1> beta = all.solve();
-  Eigen::Matrix<double, kColumns, 1> variance = Eigen::Matrix<double, kColumns, 1>::Zero();
+  Weights beta = all.solve();
+  Weights variance = Weights::Zero();
   const auto count = static_cast<double>(blocks.size());
   double squares = 0, forces = 0, rows = 0;
   for (std::size_t b = 0; b < blocks.size(); ++b) {
@@ -519,11 +523,11 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
     others.g -= own[b].g;
     others.h -= own[b].h;
     variance += (others.solve() - beta).cwiseAbs2() * (count - 1) / count;
-    squares += rest_of(blocks[b].columns, beta).squaredNorm();
-    forces += blocks[b].columns.col(kColumns).squaredNorm();
-    rows += static_cast<double>(blocks[b].columns.rows());
+    squares += rest_of(blocks[b], beta).squaredNorm();
+    forces += blocks[b].col(kColumns).squaredNorm();
+    rows += static_cast<double>(blocks[b].rows());
   }
-  const Eigen::Matrix<double, kColumns, 1> half = kInterval95 * variance.cwiseSqrt();
+  const Weights half = kInterval95 * variance.cwiseSqrt();
   fit.residual = std::sqrt(squares / rows);
   fit.unexplained = forces > 0 ? std::sqrt(squares / forces) : 1;
   fit.coulomb = std::max(beta[kSign], 0.0);
@@ -532,7 +536,11 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   fit.viscous_half = half[kSpeed];
   fit.gradient = -beta[kPlace];
   fit.gradient_half = half[kPlace];
-  // Gravity is the mean force that the drift terms removed, averaged over the stretches.
+  return beta;
+}
+
+/// Finds gravity: the mean force that the drift terms removed, averaged over the stretches.
+void fit_gravity(const std::vector<Sliding>& parts, const Weights& beta, SweepFit& fit) {
   double sum = 0, sum_of_squares = 0;
   for (const Sliding& part : parts) {
     const double mean = least_squares(part.drift, rest_of(part.columns, beta))(0, 0);
@@ -545,6 +553,15 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
       stretches > 1 ? kInterval95 * std::sqrt(std::max(0.0, sum_of_squares / stretches - fit.gravity * fit.gravity) /
                                               (stretches - 1))
                     : fit.residual;
+}
+
+SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
+  const SweptCycles swept = swept_cycles(experiment, axis, delay);
+  SweepFit fit;
+  fit.blocks = swept.blocks.size();
+  if (swept.blocks.size() < 2) return fit;
+  const Weights beta = fit_cycles(swept.blocks, fit);
+  fit_gravity(swept.parts, beta, fit);
   return fit;
 }
 

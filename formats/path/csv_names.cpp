@@ -7,6 +7,7 @@
 #include <array>
 #include <cctype>
 #include <fmt/format.h>
+#include <optional>
 #include <span>
 
 namespace haptrace {
@@ -186,68 +187,98 @@ std::string_view si_of_cell(std::size_t cell) {
   return {};
 }
 
-CsvName read_csv_name(std::string_view name, bool own_only) {
-  CsvName result;
-  const std::string low = lower_case(trim(name));
-  const auto& own = cell_names();
-  if (const auto at = std::find(own.begin(), own.end(), low); at != own.end()) {
-    result.cell = static_cast<std::size_t>(at - own.begin());
-    const auto columns = text_columns();
-    const auto of = std::find_if(columns.begin(), columns.end(),
-                                 [&](const TextColumn& column) { return result.cell < column.first + column.width(); });
-    result.group = std::string(of->column->name) + '/';
-    return result;
-  }
-  if (own_only) return result;
+namespace {
 
-  // A unit in brackets, or other words.
-  std::string text(name), in_brackets;
-  bool square = false;
-  if (const std::size_t open = text.find_first_of("([{"); open != std::string::npos) {
-    square = text[open] == '[';
-    const std::size_t close = text.find(text[open] == '(' ? ')' : text[open] == '[' ? ']' : '}', open);
-    if (close != std::string::npos) {
-      in_brackets = std::string(trim(std::string_view(text).substr(open + 1, close - open - 1)));
-      text.replace(open, close - open + 1, " ");
-    }
-  }
-  Words words = words_in(text);
-  constexpr std::size_t kMostWords = 12;
-  if (words.empty() || words.size() > kMostWords) return {};
-  if (!in_brackets.empty()) {
-    result = read_words(words);
-    if (result.cell == CsvName::kUnknown) return result;
-    result.unit = find_unit(in_brackets, si_of_cell(result.cell));
-    if (result.unit != nullptr || in_brackets == "-" || in_brackets == "1") return result;
-    if (square && std::isdigit(static_cast<unsigned char>(in_brackets.front())) == 0) {
-      result.unknown_unit = in_brackets;
-      return result;
-    }
-    // "x (left)" is another column than "x (right)".
-    const Words more = words_in(in_brackets);
-    words.insert(words.begin(), more.begin(), more.end());
-    if (words.size() > kMostWords) return {};
-  }
-  // A unit at the end: vx_mm_s, x_mm.
-  const std::span<const std::string> all(words);
+/// Returns the column of a name in lower case that haptrace itself writes.
+std::optional<CsvName> own_name(std::string_view low) {
+  const auto& own = cell_names();
+  const auto at = std::find(own.begin(), own.end(), low);
+  if (at == own.end()) return std::nullopt;
+  CsvName result;
+  result.cell = static_cast<std::size_t>(at - own.begin());
+  const auto columns = text_columns();
+  const auto of = std::find_if(columns.begin(), columns.end(),
+                               [&](const TextColumn& column) { return result.cell < column.first + column.width(); });
+  result.group = std::string(of->column->name) + '/';
+  return result;
+}
+
+/// A text in brackets, which is a unit, or other words.
+struct Bracketed {
+  std::string text;     ///< empty: there is none
+  bool square = false;  ///< the name has a [
+};
+
+/// Takes the first pair of brackets out of a name.
+Bracketed take_brackets(std::string& name) {
+  Bracketed result;
+  const std::size_t open = name.find_first_of("([{");
+  if (open == std::string::npos) return result;
+  result.square = name[open] == '[';
+  const std::size_t close = name.find(name[open] == '(' ? ')' : name[open] == '[' ? ']' : '}', open);
+  if (close == std::string::npos) return result;
+  result.text = std::string(trim(std::string_view(name).substr(open + 1, close - open - 1)));
+  name.replace(open, close - open + 1, " ");
+  return result;
+}
+
+/// Interprets words with a text in brackets. Returns none if this text is further words.
+std::optional<CsvName> read_with_brackets(const Words& words, const Bracketed& brackets) {
+  CsvName result = read_words(words);
+  if (result.cell == CsvName::kUnknown) return result;
+  result.unit = find_unit(brackets.text, si_of_cell(result.cell));
+  if (result.unit != nullptr || brackets.text == "-" || brackets.text == "1") return result;
+  if (!brackets.square || std::isdigit(static_cast<unsigned char>(brackets.text.front())) != 0) return std::nullopt;
+  result.unknown_unit = brackets.text;
+  return result;
+}
+
+/// Interprets words that end in a unit: vx_mm_s, x_mm.
+std::optional<CsvName> read_with_unit_at_end(std::span<const std::string> words) {
   for (const std::size_t of_unit : {2U, 1U}) {
-    if (all.size() <= of_unit) continue;
-    const std::string unit = joined(all.last(of_unit), "/");
+    if (words.size() <= of_unit) continue;
+    const std::string unit = joined(words.last(of_unit), "/");
     if (unit == "in" || unit == "min") continue;  // usually words
-    result = read_words(all.first(all.size() - of_unit));
+    CsvName result = read_words(words.first(words.size() - of_unit));
     if (result.cell == CsvName::kUnknown) continue;
     result.unit = find_unit(unit, si_of_cell(result.cell));
     if (result.unit != nullptr) return result;
   }
-  if (all.size() == 1 && all[0].size() > 1 && all[0] != "min")
-    if (const Unit* unit = find_unit(all[0], "s")) {  // a column called "seconds"
-      result = {};
-      result.cell = 0;
-      result.rank = 2;
-      result.unit = unit;
-      return result;
-    }
-  return read_words(all);
+  return std::nullopt;
+}
+
+/// Interprets a name that is only a unit of time, as "seconds".
+std::optional<CsvName> read_unit_of_time(std::span<const std::string> words) {
+  if (words.size() != 1 || words[0].size() <= 1 || words[0] == "min") return std::nullopt;
+  const Unit* const unit = find_unit(words[0], "s");
+  if (unit == nullptr) return std::nullopt;
+  CsvName result;
+  result.cell = 0;
+  result.rank = 2;
+  result.unit = unit;
+  return result;
+}
+
+}  // namespace
+
+CsvName read_csv_name(std::string_view name, bool own_only) {
+  if (const std::optional<CsvName> own = own_name(lower_case(trim(name)))) return *own;
+  if (own_only) return {};
+  std::string text(name);
+  const Bracketed brackets = take_brackets(text);
+  Words words = words_in(text);
+  constexpr std::size_t kMostWords = 12;
+  if (words.empty() || words.size() > kMostWords) return {};
+  if (!brackets.text.empty()) {
+    if (const std::optional<CsvName> found = read_with_brackets(words, brackets)) return *found;
+    // "x (left)" is another column than "x (right)".
+    const Words more = words_in(brackets.text);
+    words.insert(words.begin(), more.begin(), more.end());
+    if (words.size() > kMostWords) return {};
+  }
+  if (const std::optional<CsvName> found = read_with_unit_at_end(words)) return *found;
+  if (const std::optional<CsvName> found = read_unit_of_time(words)) return *found;
+  return read_words(words);
 }
 
 }  // namespace haptrace

@@ -288,10 +288,7 @@ void read_nrrd_place(const NrrdHeader& nrrd, Header& header, std::vector<std::st
   if (nrrd.has("units")) header.unit = unit_of_axes(nrrd, "units");
 }
 
-Header read_nrrd(const std::string& file, std::string& data_file, std::vector<std::string>& remarks) {
-  const NrrdHeader nrrd(file);
-  Header header;
-  ValueSource& source = header.source;
+void read_nrrd_sizes(const NrrdHeader& nrrd, Header& header) {
   (void)nrrd.require("dimension", "dimension");
   const std::uint64_t dimension = nrrd.whole("dimension", 16);
   if (dimension != 3)
@@ -303,14 +300,18 @@ Header read_nrrd(const std::string& file, std::string& data_file, std::vector<st
       throw nrrd.error("sizes", fmt::format("{} is not a number of samples", size));
     header.sizes.push_back(static_cast<std::uint64_t>(size));
   }
+}
+
+ValueType nrrd_type(const NrrdHeader& nrrd) {
   const std::string type(trim(lower_case(nrrd.require("type", "type"))));
   const TypeName* const known = find_type(type);
   if (known == nullptr)
     throw nrrd.error(
         "type", fmt::format("type '{}' is not known; convert it to {}", shown(type), fmt::join(type_names(), ", ")));
-  source.type = known->type;
-  read_nrrd_place(nrrd, header, remarks);
+  return known->type;
+}
 
+void read_nrrd_encoding(const NrrdHeader& nrrd, ValueSource& source) {
   const std::string encoding(trim(lower_case(nrrd.require("encoding", "encoding"))));
   if (encoding == "raw")
     source.encoding = ValueSource::Encoding::raw;
@@ -326,33 +327,52 @@ Header read_nrrd(const std::string& file, std::string& data_file, std::vector<st
     if (endian != "little" && endian != "big") throw nrrd.error("endian", "expected little or big");
     source.big_endian = endian == "big";
   }
+}
 
-  if (nrrd.has("datafile")) {
-    const std::string name = nrrd.text("datafile");
-    if (name.empty() || name.starts_with("LIST") || name.find('%') != std::string::npos)
-      throw nrrd.error("datafile", "the values are in several files; join them into one");
-    data_file = (fs::path(file).parent_path() / name).string();
-    source.file = data_file;
+/// Returns the file of the values, which stands beside the header; empty if they follow the header.
+std::string nrrd_data_file(const NrrdHeader& nrrd, const std::string& file) {
+  if (!nrrd.has("datafile")) return {};
+  const std::string name = nrrd.text("datafile");
+  if (name.empty() || name.starts_with("LIST") || name.find('%') != std::string::npos)
+    throw nrrd.error("datafile", "the values are in several files; join them into one");
+  return (fs::path(file).parent_path() / name).string();
+}
+
+/// Skips the lines and bytes before the values.
+void skip_to_nrrd_values(const NrrdHeader& nrrd, Header& header) {
+  ValueSource& source = header.source;
+  constexpr std::uint64_t kMostSkipped = std::uint64_t{1} << 40U;
+  if (nrrd.has("lineskip")) source.begin = after_lines(source.file, source.begin, nrrd.whole("lineskip", kMostSkipped));
+  if (!nrrd.has("byteskip")) return;
+  if (nrrd.text("byteskip") != "-1") {
+    source.skip = nrrd.whole("byteskip", kMostSkipped);
+    return;
+  }
+  // The values are the last bytes of the file.
+  if (source.encoding != ValueSource::Encoding::raw)
+    throw nrrd.error("byteskip", "-1 is possible only with encoding raw");
+  std::uint64_t bytes = bytes_of(source.type);
+  for (const std::uint64_t size : header.sizes) bytes = size > kMostVoxels ? 0 : bytes * size;
+  std::error_code error;
+  const std::uintmax_t length = fs::file_size(source.file, error);
+  if (!error && length >= bytes) source.begin = length - bytes;
+}
+
+Header read_nrrd(const std::string& file, std::string& data_file, std::vector<std::string>& remarks) {
+  const NrrdHeader nrrd(file);
+  Header header;
+  ValueSource& source = header.source;
+  read_nrrd_sizes(nrrd, header);
+  source.type = nrrd_type(nrrd);
+  read_nrrd_place(nrrd, header, remarks);
+  read_nrrd_encoding(nrrd, source);
+  if (const std::string other = nrrd_data_file(nrrd, file); !other.empty()) {
+    data_file = source.file = other;
   } else {
     source.file = file;
     source.begin = nrrd.length();
   }
-  constexpr std::uint64_t kMostSkipped = std::uint64_t{1} << 40U;
-  if (nrrd.has("lineskip")) source.begin = after_lines(source.file, source.begin, nrrd.whole("lineskip", kMostSkipped));
-  if (nrrd.has("byteskip")) {
-    if (nrrd.text("byteskip") == "-1") {
-      // The values are the last bytes of the file.
-      if (source.encoding != ValueSource::Encoding::raw)
-        throw nrrd.error("byteskip", "-1 is possible only with encoding raw");
-      std::uint64_t bytes = bytes_of(source.type);
-      for (const std::uint64_t size : header.sizes) bytes = size > kMostVoxels ? 0 : bytes * size;
-      std::error_code error;
-      const std::uintmax_t length = fs::file_size(source.file, error);
-      if (!error && length >= bytes) source.begin = length - bytes;
-    } else {
-      source.skip = nrrd.whole("byteskip", kMostSkipped);
-    }
-  }
+  skip_to_nrrd_values(nrrd, header);
   return header;
 }
 
@@ -397,25 +417,23 @@ class NiftiHeader {
   bool swapped_ = false, zipped_ = false;
 };
 
-Header read_nifti(const std::string& file, std::vector<std::string>& remarks) {
-  const NiftiHeader nifti(file);
-  Header header;
-  ValueSource& source = header.source;
-  source.file = file;
-  source.encoding = nifti.zipped() ? ValueSource::Encoding::gzip : ValueSource::Encoding::raw;
-  source.big_endian = nifti.big_endian();
-
+std::vector<std::uint64_t> nifti_sizes(const NiftiHeader& nifti, const std::string& file) {
   const int dimension = nifti.get<std::int16_t>(40);
   if (dimension < 1 || dimension > 7)
     throw input_error(fmt::format("{}: dim[0] is {}; it must be from 1 to 7", file, dimension));
+  std::vector<std::uint64_t> sizes;
   for (int axis = 1; axis <= 7; ++axis) {
     const int size = axis <= dimension ? nifti.get<std::int16_t>(40 + 2 * static_cast<std::size_t>(axis)) : 1;
     if (size < 1) throw input_error(fmt::format("{}: dim[{}] is {}; it must be at least 1", file, axis, size));
     if (axis > 3 && size > 1)
       throw input_error(
           fmt::format("{}: has {} volumes or components (dim[{}]); extract one of them", file, size, axis));
-    if (axis <= 3) header.sizes.push_back(static_cast<std::uint64_t>(size));
+    if (axis <= 3) sizes.push_back(static_cast<std::uint64_t>(size));
   }
+  return sizes;
+}
+
+ValueType nifti_type(const NiftiHeader& nifti, const std::string& file) {
   const int type = nifti.get<std::int16_t>(70);
   const std::map<int, ValueType> types{{2, ValueType::uint8},    {4, ValueType::int16},    {8, ValueType::int32},
                                        {16, ValueType::float32}, {64, ValueType::float64}, {256, ValueType::int8},
@@ -423,22 +441,29 @@ Header read_nifti(const std::string& file, std::vector<std::string>& remarks) {
   if (!types.contains(type))
     throw input_error(
         fmt::format("{}: datatype {} is not supported; convert it to {}", file, type, fmt::join(type_names(), ", ")));
-  source.type = types.at(type);
-  if (static_cast<std::size_t>(nifti.get<std::int16_t>(72)) != 8 * bytes_of(source.type))
+  const ValueType known = types.at(type);
+  if (static_cast<std::size_t>(nifti.get<std::int16_t>(72)) != 8 * bytes_of(known))
     throw input_error(fmt::format("{}: bitpix is {}, but datatype {} has {} bits", file, nifti.get<std::int16_t>(72),
-                                  type, 8 * bytes_of(source.type)));
+                                  type, 8 * bytes_of(known)));
+  return known;
+}
+
+/// Reads where the values begin, and the line that turns them into physical ones.
+void read_nifti_scale(const NiftiHeader& nifti, const std::string& file, ValueSource& source) {
   const double offset = nifti.real(108), slope = nifti.real(112), intercept = nifti.real(116);
   if (!(offset >= 352 && offset <= 1e9) || offset != std::floor(offset))
     throw input_error(fmt::format("{}: vox_offset is {}; it must be a whole number from 352", file, offset));
   source.skip = static_cast<std::uint64_t>(offset);
-  if (slope != 0) {
-    if (!std::isfinite(slope) || !std::isfinite(intercept))
-      throw input_error(fmt::format("{}: scl_slope or scl_inter is not finite", file));
-    source.slope = slope;
-    source.intercept = intercept;
-  }
+  if (slope == 0) return;
+  if (!std::isfinite(slope) || !std::isfinite(intercept))
+    throw input_error(fmt::format("{}: scl_slope or scl_inter is not finite", file));
+  source.slope = slope;
+  source.intercept = intercept;
+}
 
-  const Vec3 spacing(nifti.real(80), nifti.real(84), nifti.real(88));
+/// Reads the axes and the origin: from the affine matrix, else from the quaternion, else from the spacings alone.
+void read_nifti_place(const NiftiHeader& nifti, const std::string& file, Header& header,
+                      std::vector<std::string>& remarks) {
   if (nifti.get<std::int16_t>(254) > 0) {
     for (int row = 0; row < 3; ++row) {
       const std::size_t at = 280 + 16 * static_cast<std::size_t>(row);
@@ -446,23 +471,37 @@ Header read_nifti(const std::string& file, std::vector<std::string>& remarks) {
         header.steps(row, axis) = nifti.real(at + 4 * static_cast<std::size_t>(axis));
       header.origin[row] = nifti.real(at + 12);
     }
-  } else {
-    if (!(spacing.minCoeff() > 0))
-      throw input_error(fmt::format("{}: pixdim[1..3] is {}, {}, {}; spacings must be positive", file, spacing.x(),
-                                    spacing.y(), spacing.z()));
-    header.steps = spacing.asDiagonal();
-    if (nifti.get<std::int16_t>(252) > 0) {
-      const Vec3 v(nifti.real(256), nifti.real(260), nifti.real(264));
-      const double rest = 1 - v.squaredNorm();
-      if (!(rest > -1e-5)) throw input_error(file + ": quatern_b, c and d are no rotation: their length exceeds 1");
-      const Quat turn = Quat(std::sqrt(std::max(0.0, rest)), v.x(), v.y(), v.z()).normalized();
-      const double sign = nifti.real(76) < 0 ? -1 : 1;
-      header.steps = turn.toRotationMatrix() * Vec3(spacing.x(), spacing.y(), sign * spacing.z()).asDiagonal();
-      header.origin = Vec3(nifti.real(268), nifti.real(272), nifti.real(276));
-    } else {
-      remarks.emplace_back("the file states no orientation; its axes are those of the shape");
-    }
+    return;
   }
+  const Vec3 spacing(nifti.real(80), nifti.real(84), nifti.real(88));
+  if (!(spacing.minCoeff() > 0))
+    throw input_error(fmt::format("{}: pixdim[1..3] is {}, {}, {}; spacings must be positive", file, spacing.x(),
+                                  spacing.y(), spacing.z()));
+  header.steps = spacing.asDiagonal();
+  if (nifti.get<std::int16_t>(252) <= 0) {
+    remarks.emplace_back("the file states no orientation; its axes are those of the shape");
+    return;
+  }
+  const Vec3 v(nifti.real(256), nifti.real(260), nifti.real(264));
+  const double rest = 1 - v.squaredNorm();
+  if (!(rest > -1e-5)) throw input_error(file + ": quatern_b, c and d are no rotation: their length exceeds 1");
+  const Quat turn = Quat(std::sqrt(std::max(0.0, rest)), v.x(), v.y(), v.z()).normalized();
+  const double sign = nifti.real(76) < 0 ? -1 : 1;
+  header.steps = turn.toRotationMatrix() * Vec3(spacing.x(), spacing.y(), sign * spacing.z()).asDiagonal();
+  header.origin = Vec3(nifti.real(268), nifti.real(272), nifti.real(276));
+}
+
+Header read_nifti(const std::string& file, std::vector<std::string>& remarks) {
+  const NiftiHeader nifti(file);
+  Header header;
+  ValueSource& source = header.source;
+  source.file = file;
+  source.encoding = nifti.zipped() ? ValueSource::Encoding::gzip : ValueSource::Encoding::raw;
+  source.big_endian = nifti.big_endian();
+  header.sizes = nifti_sizes(nifti, file);
+  source.type = nifti_type(nifti, file);
+  read_nifti_scale(nifti, file, source);
+  read_nifti_place(nifti, file, header, remarks);
   const int units = nifti.get<std::uint8_t>(123) & 7;
   const std::array<const char*, 8> names{"", "m", "mm", "um", "", "", "", ""};
   header.unit = names[static_cast<std::size_t>(units)];
