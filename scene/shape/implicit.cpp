@@ -168,45 +168,21 @@ Implicit::Sweep Implicit::sweep(const Vec3& from, const Vec3& to) const noexcept
   for (int part = 0; count > 0; ++part) {
     const double end = ends[count - 1], half = 0.5 * (end - begin), middle = begin + half;
     const Span span = field_.along(from, way, {begin, end});
-    const auto clear = [&] {
-      begin = end;
-      --count;
-    };
-    if (span.value.lo > 0) {
-      clear();
-      continue;
-    }
-    if (span.rate.finite()) {
-      if (at(middle) - half * span.rate.most() > 0) {
-        clear();
+    const bool outside = span.value.lo > 0 || (span.rate.finite() && at(middle) - half * span.rate.most() > 0);
+    if (!outside) {
+      // Where the field only falls, or only rises from a value that is not inside but for rounding, its end decides.
+      const bool one_way = span.rate.finite() && (span.rate.lo > 0 || span.rate.hi < 0);
+      if (!one_way && !(2 * half <= least) && part < kMostParts && count < ends.size()) {
+        ends[count++] = middle;
         continue;
       }
-      if (span.rate.lo > 0) {  // it rises, so only its first value counts, which is not inside but for rounding
-        if (at(end) < 0) {
-          root(begin, end);
-          return result;
-        }
-        clear();
-        continue;
-      }
-      if (span.rate.hi < 0) {
-        if (at(end) < 0) {
-          root(begin, end);
-          return result;
-        }
-        clear();
-        continue;
-      }
-    }
-    if (2 * half <= least || part >= kMostParts || count == ends.size()) {
       if (at(end) < 0) {
         root(begin, end);
         return result;
       }
-      clear();
-      continue;
     }
-    ends[count++] = middle;
+    begin = end;
+    --count;
   }
   return result;
 }
@@ -230,57 +206,80 @@ Implicit::Sweep Implicit::between(const Stand& stand, const Move& move) const no
 
 // --- The closest point ---
 
-/// Returns Newton's step towards the place nearest to `to` on the held pieces. Drops the pieces that would have to
-/// pull, unless `pulls`, and those that say the same as another.
-Implicit::Move Implicit::newton(const Vec3& to, bool pulls, Stand& stand) const noexcept {
-  Held& held = stand.held;
-  Move move;
+/// The held pieces at a place: their jets, unit normals and distances from it, and how hard each holds.
+class Implicit::Pieces {
+ public:
+  explicit Pieces(Held& held) noexcept : held_(held) {}
+
+  /// Returns false if a piece has no direction there.
+  bool look(const FieldTree& field, const Vec3& place) noexcept {
+    for (std::size_t i = 0; i < held_.count; ++i) {
+      const int k = static_cast<int>(i);
+      jets[i] = field.jet(held_.piece[i], place);
+      slopes[k] = norm_of(jets[i].vector());
+      normals[i] = jets[i].vector() / slopes[k];
+      off[k] = jets[i].value / slopes[k];
+      if (!(slopes[k] > 0 && is_finite(normals[i]) && std::isfinite(off[k]) && jets[i].matrix().allFinite()))
+        return false;
+    }
+    return true;
+  }
+
+  /// Finds how hard each piece holds a proxy that is drawn by -back. Drops the pieces that say the same as another, and
+  /// those that would have to pull, unless `pulls`. Returns false if two against each other hold it.
+  bool balance(const Vec3& back, bool pulls) noexcept {
+    while (held_.count > 0) {
+      Vec3 along = Vec3::Zero();
+      for (std::size_t i = 0; i < held_.count; ++i) {
+        along[static_cast<int>(i)] = normals[i].dot(back);
+        for (std::size_t j = 0; j < held_.count; ++j)
+          gram(static_cast<int>(i), static_cast<int>(j)) = normals[i].dot(normals[j]);
+      }
+      if (!solved(held_.count, gram, along, pull)) {
+        // Two against each other, or three that leave no way in their plane: nothing moves. Otherwise the oldest goes.
+        if (held_.count == 2 && gram(0, 1) < 0) return false;
+        drop(0);
+        continue;
+      }
+      if (pulls) break;
+      int least = 0;
+      if (!(pull.head(static_cast<int>(held_.count)).minCoeff(&least) < 0)) break;
+      drop(static_cast<std::size_t>(least));
+    }
+    return true;
+  }
+
   std::array<Jet, 3> jets{};
   std::array<Vec3, 3> normals{};
   Vec3 off = Vec3::Zero(), slopes = Vec3::Zero();
-  const auto look = [&](std::size_t i) {
-    jets[i] = field_.jet(held.piece[i], stand.place);
-    slopes[static_cast<int>(i)] = norm_of(jets[i].vector());
-    normals[i] = jets[i].vector() / slopes[static_cast<int>(i)];
-    off[static_cast<int>(i)] = jets[i].value / slopes[static_cast<int>(i)];
-    return slopes[static_cast<int>(i)] > 0 && is_finite(normals[i]) && std::isfinite(off[static_cast<int>(i)]) &&
-           jets[i].matrix().allFinite();
-  };
-  for (std::size_t i = 0; i < held.count; ++i)
-    if (!look(i)) return move;
-  const auto drop = [&](std::size_t i) {
-    held.drop(i);
-    for (; i < held.count; ++i) {
+  Eigen::Matrix3d gram = Eigen::Matrix3d::Identity();  ///< products of the normals
+  Vec3 pull = Vec3::Zero();                            ///< l_i |grad f_i|
+
+ private:
+  void drop(std::size_t i) noexcept {
+    held_.drop(i);
+    for (; i < held_.count; ++i) {
       jets[i] = jets[i + 1];
       normals[i] = normals[i + 1];
       off[static_cast<int>(i)] = off[static_cast<int>(i) + 1];
       slopes[static_cast<int>(i)] = slopes[static_cast<int>(i) + 1];
     }
-  };
+  }
 
+  Held& held_;
+};
+
+/// Returns Newton's step towards the place nearest to `to` on the held pieces. Drops the pieces that would have to
+/// pull, unless `pulls`, and those that say the same as another.
+Implicit::Move Implicit::newton(const Vec3& to, bool pulls, Stand& stand) const noexcept {
+  Held& held = stand.held;
+  Move move;
+  Pieces at(held);
+  if (!at.look(field_, stand.place)) return move;
   const Vec3 back = stand.place - to;
-  Eigen::Matrix3d gram = Eigen::Matrix3d::Identity();
-  Vec3 pull = Vec3::Zero();  // l_i |grad f_i|
-  while (held.count > 0) {
-    Vec3 along = Vec3::Zero();
-    for (std::size_t i = 0; i < held.count; ++i) {
-      along[static_cast<int>(i)] = normals[i].dot(back);
-      for (std::size_t j = 0; j < held.count; ++j)
-        gram(static_cast<int>(i), static_cast<int>(j)) = normals[i].dot(normals[j]);
-    }
-    if (!solved(held.count, gram, along, pull)) {
-      // Two against each other, or three that leave no way in their plane: nothing moves. Otherwise the oldest goes.
-      if (held.count == 2 && gram(0, 1) < 0) {
-        move.result = Move::Result::stuck;
-        return move;
-      }
-      drop(0);
-      continue;
-    }
-    if (pulls) break;
-    int least = 0;
-    if (!(pull.head(static_cast<int>(held.count)).minCoeff(&least) < 0)) break;
-    drop(static_cast<std::size_t>(least));
+  if (!at.balance(back, pulls)) {
+    move.result = Move::Result::stuck;
+    return move;
   }
   if (held.count == 0) {
     move.result = Move::Result::free;
@@ -288,22 +287,22 @@ Implicit::Move Implicit::newton(const Vec3& to, bool pulls, Stand& stand) const 
   }
 
   Vec3 normal_part = Vec3::Zero(), share = Vec3::Zero(), ones = Vec3::Ones();
-  (void)solved(held.count, gram, -off, share);
+  (void)solved(held.count, at.gram, -at.off, share);
   Vec3 out_share = Vec3::Zero();
-  (void)solved(held.count, gram, ones, out_share);
+  (void)solved(held.count, at.gram, ones, out_share);
   Eigen::Matrix3d bent = Eigen::Matrix3d::Zero();
-  move.slope = slopes[0];
+  move.slope = at.slopes[0];
   for (std::size_t i = 0; i < held.count; ++i) {
     const int k = static_cast<int>(i);
-    normal_part += share[k] * normals[i];
-    move.out += out_share[k] * normals[i];
-    const Eigen::Matrix3d hessian = jets[i].matrix() / slopes[k];
-    bent += pull[k] * hessian;
+    normal_part += share[k] * at.normals[i];
+    move.out += out_share[k] * at.normals[i];
+    const Eigen::Matrix3d hessian = at.jets[i].matrix() / at.slopes[k];
+    bent += at.pull[k] * hessian;
     move.bend = std::max(move.bend, hessian.norm());
-    move.slope = std::min(move.slope, slopes[k]);
+    move.slope = std::min(move.slope, at.slopes[k]);
   }
   const Vec3 rest = back + normal_part - bent * normal_part;
-  move.step = normal_part - stretched(Tangents(normals, held.count), bent) * rest;
+  move.step = normal_part - stretched(Tangents(at.normals, held.count), bent) * rest;
   move.result = is_finite(move.step) ? Move::Result::moves : Move::Result::lost;
   return move;
 }

@@ -74,6 +74,7 @@ class Implicit final : public Shape {
     double bend = 0;          ///< largest curvature [1/m]
     double slope = 0;         ///< least |grad f|
   };
+  class Pieces;
 
   [[nodiscard]] Sweep sweep(const Vec3& from, const Vec3& to) const noexcept;
   [[nodiscard]] Sweep between(const Stand& stand, const Move& move) const noexcept;

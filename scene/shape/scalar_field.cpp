@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -163,85 +164,127 @@ FieldPoint ScalarField::sample(const Vec3& index) const noexcept {
 template FieldPoint ScalarField::sample<true>(const Vec3&) const noexcept;
 template FieldPoint ScalarField::sample<false>(const Vec3&) const noexcept;
 
-double ScalarField::entered(const Vec3& from, const Vec3& to) const noexcept {
-  constexpr double kNever = 2;
-  constexpr double kPerCell = 4;  // looks at the field
-  constexpr int kHalvings = 60;
-  const Vec3 a = index_of(from), way = to_index_ * (to - from);
-  double begin = 0, end = 1;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double least = 1, most = size_[static_cast<std::size_t>(axis)] - 2;
-    if (way[axis] == 0) {
-      if (!(a[axis] >= least && a[axis] <= most)) return kNever;
-      continue;
-    }
-    const double one = (least - a[axis]) / way[axis], other = (most - a[axis]) / way[axis];
-    begin = std::max(begin, std::min(one, other));
-    end = std::min(end, std::max(one, other));
+/// A step through the field, by the share of it that is done.
+class ScalarField::Ray {
+ public:
+  Ray(const ScalarField& field, const Vec3& from, const Vec3& to) noexcept
+      : field_(field), step_(to - from), a_(field.index_of(from)), way_(field.to_index_ * (to - from)) {
+    constexpr double kPerCell = 4;  // looks at the field
+    stride_ = 1 / (kPerCell * std::max(1e-9, way_.cwiseAbs().maxCoeff()));
+    meets_ = clip();
   }
-  if (!(begin <= end)) return kNever;
-  const double stride = 1 / (kPerCell * std::max(1e-9, way.cwiseAbs().maxCoeff()));
-  const auto look = [&](double t) {
-    const FieldPoint point = sample<false>(a + t * way);
+
+  /// Returns true if the step meets what the field covers, from begin() to end().
+  [[nodiscard]] bool meets() const noexcept { return meets_; }
+  [[nodiscard]] double begin() const noexcept { return begin_; }
+  [[nodiscard]] double end() const noexcept { return end_; }
+  [[nodiscard]] double stride() const noexcept { return stride_; }
+
+  /// Returns the value of the field and its slope along the step.
+  [[nodiscard]] std::pair<double, double> look(double t) const noexcept {
+    const FieldPoint point = field_.sample<false>(a_ + t * way_);
     // The gradient of order 1 is not that of its value.
-    const double slope =
-        order_ == 1 ? sample<false>(a + (t + 1e-3 * stride) * way).value - point.value : point.gradient.dot(to - from);
-    return std::pair(point.value, slope);
-  };
-  const auto crossing = [&](double outside, double inside) {
+    const double slope = field_.order_ == 1 ? field_.sample<false>(a_ + (t + 1e-3 * stride_) * way_).value - point.value
+                                            : point.gradient.dot(step_);
+    return {point.value, slope};
+  }
+
+  /// Returns where the field becomes negative between two shares.
+  [[nodiscard]] double crossing(double outside, double inside) const noexcept {
     for (int i = 0; i < kHalvings && inside - outside > 1e-15; ++i) {
       const double middle = 0.5 * (outside + inside);
       (look(middle).first < 0 ? inside : outside) = middle;
     }
     return outside;
-  };
+  }
 
+  /// Returns where the field becomes negative in a dip between two shares at which it is not; kNever: nowhere.
+  [[nodiscard]] double crossing_in_dip(double left, double right) const noexcept {
+    const double outside = left;
+    for (int i = 0; i < kHalvings / 3; ++i) {
+      const double middle = 0.5 * (left + right);
+      const auto [least, turn] = look(middle);
+      if (least < 0) return crossing(outside, middle);
+      (turn < 0 ? left : right) = middle;
+    }
+    return kNever;
+  }
+
+  /// Returns where the step leaves the block of `t`, if the field is nowhere negative in it; else kNever.
+  [[nodiscard]] double exit_of_positive_block(double t) const noexcept {
+    const Vec3 u = a_ + t * way_;
+    std::array<int, 3> home{};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      home[axis] =
+          std::clamp((static_cast<int>(u[static_cast<int>(axis)]) - 1) / kBlock, 0, field_.blocks_along_[axis] - 1);
+    if ((field_.block(home[0], home[1], home[2]) & kNegative) != 0) return kNever;
+    double exit = end_;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (way_[axis] == 0) continue;
+      const int side = home[static_cast<std::size_t>(axis)] + (way_[axis] > 0 ? 1 : 0);
+      exit = std::min(exit, (1 + kBlock * side - a_[axis]) / way_[axis]);
+    }
+    return exit;
+  }
+
+  static constexpr double kNever = 2;
+
+ private:
+  static constexpr int kHalvings = 60;
+
+  bool clip() noexcept {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double least = 1, most = field_.size_[static_cast<std::size_t>(axis)] - 2;
+      if (way_[axis] == 0) {
+        if (!(a_[axis] >= least && a_[axis] <= most)) return false;
+        continue;
+      }
+      const double one = (least - a_[axis]) / way_[axis], other = (most - a_[axis]) / way_[axis];
+      begin_ = std::max(begin_, std::min(one, other));
+      end_ = std::min(end_, std::max(one, other));
+    }
+    return begin_ <= end_;
+  }
+
+  const ScalarField& field_;
+  Vec3 step_;     ///< [m]
+  Vec3 a_, way_;  ///< beginning and step, as indices
+  double begin_ = 0, end_ = 1, stride_ = 0;
+  bool meets_ = false;
+};
+
+double ScalarField::entered(const Vec3& from, const Vec3& to) const noexcept {
+  const Ray ray(*this, from, to);
+  if (!ray.meets()) return Ray::kNever;
+  const double begin = ray.begin(), end = ray.end();
   double last = begin, last_slope = 0;
   bool outside = false, first = true;
   for (double t = begin;;) {
-    // Through a block in which the field is nowhere negative.
-    const Vec3 u = a + t * way;
-    std::array<int, 3> home{};
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      home[axis] = std::clamp((static_cast<int>(u[static_cast<int>(axis)]) - 1) / kBlock, 0, blocks_along_[axis] - 1);
-    if ((block(home[0], home[1], home[2]) & kNegative) == 0) {
-      double exit = end;
-      for (int axis = 0; axis < 3; ++axis) {
-        if (way[axis] == 0) continue;
-        const int side = home[static_cast<std::size_t>(axis)] + (way[axis] > 0 ? 1 : 0);
-        exit = std::min(exit, (1 + kBlock * side - a[axis]) / way[axis]);
-      }
+    if (const double exit = ray.exit_of_positive_block(t); exit < Ray::kNever) {
       outside = true;
       first = false;
       last = t;
       last_slope = 0;
-      if (t >= end) return kNever;
-      t = std::min(end, std::max(exit, t) + 1e-3 * stride);
-      if (exit >= end) return kNever;
+      if (t >= end || exit >= end) return Ray::kNever;
+      t = std::min(end, std::max(exit, t) + 1e-3 * ray.stride());
       continue;
     }
-    const auto [value, slope] = look(t);
+    const auto [value, slope] = ray.look(t);
     if (value < 0) {
-      if (outside) return crossing(last, t);
+      if (outside) return ray.crossing(last, t);
       // From beyond the grid, or from inside.
       if (first && (begin > 0 || slope < 0)) return t;
     } else if (outside && last_slope < 0 && slope > 0) {
-      double left = last, right = t;
-      for (int i = 0; i < kHalvings / 3; ++i) {
-        const double middle = 0.5 * (left + right);
-        const auto [least, turn] = look(middle);
-        if (least < 0) return crossing(last, middle);
-        (turn < 0 ? left : right) = middle;
-      }
+      if (const double dip = ray.crossing_in_dip(last, t); dip < Ray::kNever) return dip;
     }
     outside = outside || value >= 0;
     first = false;
     last = t;
     last_slope = slope;
     if (t >= end) break;
-    t = std::min(end, t + stride);
+    t = std::min(end, t + ray.stride());
   }
-  return outside ? kNever : 0;
+  return outside ? Ray::kNever : 0;
 }
 
 bool ScalarField::has_zero(int i, int j, int k) const noexcept {

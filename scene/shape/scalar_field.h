@@ -68,6 +68,7 @@ class ScalarField {
 
  private:
   static constexpr int kBlock = 8;  // cells along the side of a block
+  class Ray;
 
   template <bool kHessian>
   [[nodiscard]] FieldPoint sample(const Vec3& index) const noexcept;
