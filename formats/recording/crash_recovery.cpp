@@ -15,6 +15,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <optional>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -243,104 +244,154 @@ void append_event(RecordingWriter& writer, double time, EventCode code, const st
   writer.append(StoredEvent{.time = time, .code = static_cast<int>(code), .text = text});
 }
 
+/// Copies all readable data of a file into an empty one, and notes what is lost.
+class PartCopy {
+ public:
+  PartCopy(RecordingReader& reader, const std::string& name, const std::string& copy,
+           const std::function<void(double)>& progress, Recovery& recovery)
+      : reader_(reader),
+        name_(name),
+        copy_(copy),
+        progress_(progress),
+        recovery_(recovery),
+        salvage_(reader),
+        writer_(copy, reader.header(), reader.columns(),
+                {.overwrite = true, .storage = {.deflate = reader.deflate()}, .keep_part = true}) {}
+
+  void run() {
+    for (const std::string& lost : reader_.lost()) note(lost);
+    for (const std::string& path : reader_.foreign())
+      note(fmt::format("{}: {} belongs to another program and is not copied", name_, path));
+    copy_samples();
+    copy_events();
+    copy_contacts();
+    copy_clocks();
+    append_damage();
+    const Event recovered{
+        .code = EventCode::recovered,
+        .values = {static_cast<double>(writer_.rows()), static_cast<double>(salvage_.unreadable()), kNaN}};
+    append_event(writer_, end_, recovered.code, describe(recovered));
+    writer_.finish();
+    recovery_.samples += verified_rows();
+    recovery_.unreadable += salvage_.unreadable();
+  }
+
+ private:
+  void note(std::string text) { recovery_.notes.push_back(std::move(text)); }
+
+  void note_damage(std::string text) {
+    note(std::move(text));
+    recovery_.damaged = true;
+  }
+
+  /// Returns the progress of one half of the work, which begins at `begin`.
+  [[nodiscard]] std::function<void(double)> half(double begin) const {
+    return [this, begin](double done) {
+      if (progress_) progress_(begin + 0.5 * done);
+    };
+  }
+
+  void copy_samples() {
+    salvage_.for_each(
+        [&](const std::vector<Sample>& samples) {
+          writer_.append(samples);
+          if (!samples.empty()) end_ = 1e-9 * static_cast<double>(samples.back().time_ns);
+        },
+        half(0));
+  }
+
+  void copy_events() {
+    reader_.on_damage([&](const Damage& damage) {
+      note(fmt::format("{}: {} {}", name_, damage.path, damage.what));
+      events_changed_ = true;
+    });
+    try {
+      std::size_t no_events = 0;
+      for (StoredEvent event : reader_.events()) {
+        if (!std::isfinite(event.time) || event.code <= 0) {
+          ++no_events;
+          continue;
+        }
+        if (events_changed_) event.text = printable(event.text);
+        writer_.append(event);
+      }
+      if (no_events > 0) note_damage(fmt::format("{}: {} events are lost", name_, no_events));
+    } catch (const Error& error) {
+      note_damage(fmt::format("the events are lost: {}", error.what()));
+    }
+  }
+
+  void copy_contacts() {
+    try {
+      constexpr std::uint64_t kBlock = 8192;
+      for (std::uint64_t first = 0; first < reader_.contact_rows(); first += kBlock)
+        writer_.append(std::span<const ContactSample>(reader_.contacts(first, kBlock)));
+      reader_.verify_contacts();
+    } catch (const Error& error) {
+      note_damage(fmt::format("contacts are lost: {}", error.what()));
+    }
+  }
+
+  void copy_clocks() {
+    reader_.on_damage([&](const Damage& damage) {
+      note_damage(fmt::format("{}: {}[{}] is lost: it {}", name_, damage.path, damage.first, damage.what));
+    });
+    try {
+      for (const ClockReading& reading : reader_.clocks()) writer_.append(reading);
+    } catch (const Error& error) {
+      note_damage(fmt::format("the readings of the clocks are lost: {}", error.what()));
+    }
+  }
+
+  /// Appends an event for each damaged range, up to kMostNotes.
+  void append_damage() {
+    if (events_changed_)
+      append_event(writer_, end_, EventCode::values_lost,
+                   "the events hold times or texts that differ from the recorded ones");
+    const std::vector<Salvage::Stretch>& damage = salvage_.damage();
+    recovery_.damaged = recovery_.damaged || events_changed_ || !damage.empty() || !reader_.lost().empty();
+    for (std::size_t i = 0; i < std::min<std::size_t>(damage.size(), kMostNotes); ++i) {
+      append_event(writer_, damage[i].time, EventCode::values_lost, words_of(damage[i]));
+      note(fmt::format("{}: {}", name_, words_of(damage[i])));
+    }
+    if (damage.size() <= kMostNotes) return;
+    const std::string rest = fmt::format("{} further ranges are damaged", damage.size() - kMostNotes);
+    append_event(writer_, end_, EventCode::values_lost, rest);
+    note(fmt::format("{}: {}", name_, rest));
+  }
+
+  /// Returns the number of rows, all of which read back as they were written. Throws Error(input) otherwise.
+  [[nodiscard]] std::uint64_t verified_rows() {
+    const RecordingReader written(copy_, RecordingReader::Parts::this_file);
+    std::uint64_t row = 0;
+    Salvage again(reader_);
+    again.for_each(
+        [&](const std::vector<Sample>& samples) {
+          if (!same(samples, written.read(row, samples.size()), reader_.columns()))
+            throw input_error(
+                fmt::format("{}: the data read back differ from the data written; is the disk broken?", copy_));
+          row += samples.size();
+        },
+        half(0.5));
+    if (row != written.rows())
+      throw input_error(fmt::format("{}: has {} rows instead of {}", copy_, written.rows(), row));
+    return row;
+  }
+
+  RecordingReader& reader_;
+  const std::string &name_, &copy_;  ///< the names of both files
+  const std::function<void(double)>& progress_;
+  Recovery& recovery_;
+  Salvage salvage_;
+  RecordingWriter writer_;
+  double end_ = 0;               ///< time of the last sample [s]
+  bool events_changed_ = false;  ///< the events differ from the recorded ones
+};
+
 /// Writes all readable data of `reader` into the empty file `copy`, and verifies the file.
 void copy_part(RecordingReader& reader, const std::string& name, const std::string& copy,
                const std::function<void(double)>& progress, Recovery& recovery) {
-  Salvage salvage(reader);
-  const auto half = [&](double begin) {
-    return [&progress, begin](double done) {
-      if (progress) progress(begin + 0.5 * done);
-    };
-  };
-  for (const std::string& lost : reader.lost()) recovery.notes.push_back(lost);
-  for (const std::string& path : reader.foreign())
-    recovery.notes.push_back(fmt::format("{}: {} belongs to another program and is not copied", name, path));
-  RecordingWriter writer(copy, reader.header(), reader.columns(),
-                         {.overwrite = true, .storage = {.deflate = reader.deflate()}, .keep_part = true});
-  double end = 0;
-  salvage.for_each(
-      [&](const std::vector<Sample>& samples) {
-        writer.append(samples);
-        if (!samples.empty()) end = 1e-9 * static_cast<double>(samples.back().time_ns);
-      },
-      half(0));
-
-  bool events_changed = false;
-  reader.on_damage([&](const Damage& damage) {
-    recovery.notes.push_back(fmt::format("{}: {} {}", name, damage.path, damage.what));
-    events_changed = true;
-  });
-  try {
-    std::size_t no_events = 0;
-    for (StoredEvent event : reader.events()) {
-      if (!std::isfinite(event.time) || event.code <= 0) {
-        ++no_events;
-        continue;
-      }
-      if (events_changed) event.text = printable(event.text);
-      writer.append(event);
-    }
-    if (no_events > 0) recovery.notes.push_back(fmt::format("{}: {} events are lost", name, no_events));
-    recovery.damaged = recovery.damaged || no_events > 0;
-  } catch (const Error& error) {
-    recovery.notes.push_back(fmt::format("the events are lost: {}", error.what()));
-    recovery.damaged = true;
-  }
-  try {
-    constexpr std::uint64_t kBlock = 8192;
-    for (std::uint64_t first = 0; first < reader.contact_rows(); first += kBlock)
-      writer.append(std::span<const ContactSample>(reader.contacts(first, kBlock)));
-    reader.verify_contacts();
-  } catch (const Error& error) {
-    recovery.notes.push_back(fmt::format("contacts are lost: {}", error.what()));
-    recovery.damaged = true;
-  }
-  reader.on_damage([&](const Damage& damage) {
-    recovery.notes.push_back(fmt::format("{}: {}[{}] is lost: it {}", name, damage.path, damage.first, damage.what));
-    recovery.damaged = true;
-  });
-  try {
-    for (const ClockReading& reading : reader.clocks()) writer.append(reading);
-  } catch (const Error& error) {
-    recovery.notes.push_back(fmt::format("the readings of the clocks are lost: {}", error.what()));
-    recovery.damaged = true;
-  }
-
-  if (events_changed)
-    append_event(writer, end, EventCode::values_lost,
-                 "the events hold times or texts that differ from the recorded ones");
-  recovery.damaged = recovery.damaged || events_changed || !salvage.damage().empty() || !reader.lost().empty();
-  std::size_t told = 0;
-  for (const Salvage::Stretch& damage : salvage.damage()) {
-    if (++told > kMostNotes) break;
-    append_event(writer, damage.time, EventCode::values_lost, words_of(damage));
-    recovery.notes.push_back(fmt::format("{}: {}", name, words_of(damage)));
-  }
-  if (salvage.damage().size() > kMostNotes) {
-    const std::string rest = fmt::format("{} further ranges are damaged", salvage.damage().size() - kMostNotes);
-    append_event(writer, end, EventCode::values_lost, rest);
-    recovery.notes.push_back(fmt::format("{}: {}", name, rest));
-  }
-  const Event recovered{
-      .code = EventCode::recovered,
-      .values = {static_cast<double>(writer.rows()), static_cast<double>(salvage.unreadable()), kNaN}};
-  append_event(writer, end, recovered.code, describe(recovered));
-  writer.finish();
-
-  const RecordingReader written(copy, RecordingReader::Parts::this_file);
-  std::uint64_t row = 0;
-  Salvage again(reader);
-  again.for_each(
-      [&](const std::vector<Sample>& samples) {
-        if (!same(samples, written.read(row, samples.size()), reader.columns()))
-          throw input_error(
-              fmt::format("{}: the data read back differ from the data written; is the disk broken?", copy));
-        row += samples.size();
-      },
-      half(0.5));
-  if (row != written.rows()) throw input_error(fmt::format("{}: has {} rows instead of {}", copy, written.rows(), row));
-  recovery.samples += row;
-  recovery.unreadable += salvage.unreadable();
+  PartCopy(reader, name, copy, progress, recovery).run();
 }
 
 bool is_whole(RecordingReader& reader, const std::string& file) {

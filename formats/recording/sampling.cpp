@@ -209,14 +209,8 @@ void SamplingReport::find_clock(Sampling& result) {
   result.missing = 1 - rows / ticks;
 }
 
-Sampling SamplingReport::result() const {
-  Sampling result;
-  result.rows = rows_;
-  result.duplicates = duplicates_;
-  result.backward = backward_;
-  result.duration = 1e-9 * static_cast<double>(last_ns_ - first_ns_);
-  if (result.duration > 0) result.mean_rate = static_cast<double>(rows_ - 1) / result.duration;
-
+/// Finds the median and the longest step, whether the steps are even, and the gaps.
+void SamplingReport::find_steps(Sampling& result) const {
   std::uint64_t counted = 0, passed = 0;
   for (const auto& [bin, entry] : steps_) counted += entry.count;
   for (const auto& [bin, entry] : steps_) {
@@ -230,8 +224,11 @@ Sampling SamplingReport::result() const {
   result.even = 1e-9 * static_cast<double>(longest_ns_ - shortest_ns_) <= 0.01 * result.median_step;
   for (const auto& [bin, entry] : steps_)
     if (1e-9 * entry.sum / static_cast<double>(entry.count) > 5 * result.median_step) result.gaps += entry.count;
+}
 
-  // The most frequent step absorbs its neighbours; then the most frequent of the rest does the same.
+/// Finds the most frequent steps: the most frequent one absorbs its neighbours; then the most frequent of the rest does
+/// the same.
+void SamplingReport::find_commonest(Sampling& result) const {
   std::vector<std::pair<std::int64_t, Bin>> left(steps_.begin(), steps_.end());
   while (!left.empty() && result.commonest.size() < 16) {
     const auto top = std::max_element(left.begin(), left.end(), [](const auto& a, const auto& b) {
@@ -250,23 +247,29 @@ Sampling SamplingReport::result() const {
   }
   std::stable_sort(result.commonest.begin(), result.commonest.end(),
                    [](const auto& a, const auto& b) { return a.second > b.second; });
-  if (step_count_ >= kFew && !result.even) {
-    find_pattern(result);
-    find_clock(result);
-  }
+}
+
+/// Returns true if nearly all steps are near the median, and nothing explains the others.
+bool SamplingReport::is_steady(const Sampling& result) const {
   constexpr double kJitter = 0.5, kNearlyAll = 0.99;
   std::uint64_t near = 0;
   for (const auto& [bin, entry] : steps_)
     if (std::abs(1e-9 * static_cast<double>(bin * kBin) - result.median_step) <= kJitter * result.median_step)
       near += entry.count;
-  result.steady = result.even || (static_cast<double>(near) >= kNearlyAll * static_cast<double>(step_count_) &&
-                                  result.gaps == 0 && result.pattern.empty() && result.clock_period == 0);
+  return result.even || (static_cast<double>(near) >= kNearlyAll * static_cast<double>(step_count_) &&
+                         result.gaps == 0 && result.pattern.empty() && result.clock_period == 0);
+}
 
+/// Finds the vectors that keep their value while the position moves.
+void SamplingReport::find_held(Sampling& result) const {
   for (std::size_t i = 0; i < kVectors; ++i)
     if (const Vector& vector = vectors_[i]; 5 * vector.held > vector.moved)
       result.held.push_back({kVectorNames.at(i), static_cast<double>(vector.held) / static_cast<double>(vector.moved),
                              vector.time > 0 ? static_cast<double>(vector.moved - vector.held) / vector.time : 0});
+}
 
+/// Finds the channels that never change, and those that stop while others change.
+void SamplingReport::find_stuck(Sampling& result) const {
   constexpr double kLongEnough = 0.5;  // [s]
   for (std::size_t c = 0; c < kChannels; ++c) {
     const Channel& channel = channels_[c];
@@ -288,7 +291,24 @@ Sampling SamplingReport::result() const {
       result.stuck.push_back(
           {kChannelNames.at(c), 1e-9 * static_cast<double>(channel.longest_start - first_ns_), stuck});
   }
+}
 
+Sampling SamplingReport::result() const {
+  Sampling result;
+  result.rows = rows_;
+  result.duplicates = duplicates_;
+  result.backward = backward_;
+  result.duration = 1e-9 * static_cast<double>(last_ns_ - first_ns_);
+  if (result.duration > 0) result.mean_rate = static_cast<double>(rows_ - 1) / result.duration;
+  find_steps(result);
+  find_commonest(result);
+  if (step_count_ >= kFew && !result.even) {
+    find_pattern(result);
+    find_clock(result);
+  }
+  result.steady = is_steady(result);
+  find_held(result);
+  find_stuck(result);
   constexpr std::uint64_t kEnoughRows = 100;
   constexpr double kCorrelated = 0.9;
   if (motion_rows_ >= kEnoughRows && moved_said_ > kCorrelated * std::sqrt(moved_moved_ * said_said_))

@@ -82,8 +82,13 @@ class SamplingReport {
   void add_step(std::int64_t step_ns);
   void add_to_pattern(std::int64_t step_ns);
   void add_values(const Sample& sample, double dt);
+  void find_steps(Sampling& result) const;
+  void find_commonest(Sampling& result) const;
   void find_pattern(Sampling& result) const;
   static void find_clock(Sampling& result);
+  [[nodiscard]] bool is_steady(const Sampling& result) const;
+  void find_held(Sampling& result) const;
+  void find_stuck(Sampling& result) const;
 
   struct Bin {
     std::uint64_t count = 0;

@@ -14,6 +14,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -109,6 +110,73 @@ SideTrade trade_of_storage(const Workbench& bench, const Configuration& configur
   return trade;
 }
 
+namespace {
+
+/// A trainee's walk near an expert's path, and the places on the path that the finest spacing of knots finds.
+class Projection {
+ public:
+  Projection(std::vector<Vec3> trainee, const ArcPath& finest) : trainee_(std::move(trainee)) {
+    PlaceTracker exact(finest, {.allow_back = true});
+    exact.start();
+    for (std::size_t i = 0; i < trainee_.size(); ++i)
+      places_.push_back(exact.update(trainee_[i], step_before(i)).place);
+  }
+
+  struct Errors {
+    double rms = 0, peak = 0;  ///< of the place [m]
+    double force = 0;          ///< rms of the expert's force [N]
+  };
+  /// Returns the distances from the exact places.
+  [[nodiscard]] Errors errors(PlaceTracker& tracker) const {
+    tracker.start();
+    double squares = 0, peak = 0, forces = 0;
+    for (std::size_t i = 0; i < trainee_.size(); ++i) {
+      const auto& foot = tracker.update(trainee_[i], step_before(i));
+      const double off = (foot.place.position - places_[i].position).squaredNorm();
+      squares += off;
+      peak = std::max(peak, off);
+      forces += (foot.place.force - places_[i].force).squaredNorm();
+    }
+    const auto n = static_cast<double>(trainee_.size());
+    return {std::sqrt(squares / n), std::sqrt(peak), std::sqrt(forces / n)};
+  }
+
+  /// Returns the time of an update [s].
+  [[nodiscard]] double time(PlaceTracker& tracker) const {
+    tracker.start();
+    const Stopwatch watch;
+    walk(tracker, 0, trainee_.size());
+    const double elapsed = watch.seconds();
+    return elapsed / static_cast<double>(trainee_.size());
+  }
+
+  /// Returns the instructions of an update; NaN if they cannot be counted.
+  [[nodiscard]] double instructions(PlaceTracker& tracker) const {
+    constexpr std::size_t kCounted = 25;
+    tracker.start();
+    if (trainee_.size() <= 3 * kCounted) return kNaN;
+    const std::vector<std::uint64_t> counted = count_instructions([&](const std::function<void()>& mark) {
+      walk(tracker, 0, kCounted);
+      mark();
+      walk(tracker, kCounted, 2 * kCounted);
+      mark();
+    });
+    return counted.empty() ? kNaN : static_cast<double>(counted.front()) / kCounted;
+  }
+
+ private:
+  static double step_before(std::size_t i) { return i > 0 ? 1 / kTraineeRate : 0; }
+
+  void walk(PlaceTracker& tracker, std::size_t from, std::size_t to) const {
+    for (std::size_t i = from; i < to; ++i) (void)tracker.update(trainee_[i], 1 / kTraineeRate);
+  }
+
+  std::vector<Vec3> trainee_;
+  std::vector<ArcPath::Place> places_;
+};
+
+}  // namespace
+
 SideTrade trade_of_projection(const Workbench& bench, bool instructions, const StopRequest& stop) {
   SideTrade trade{.knob = "spacing",
                   .what = "spacing of the path's knots, along which guidance locates the trainee",
@@ -121,54 +189,21 @@ SideTrade trade_of_projection(const Workbench& bench, bool instructions, const S
   const DevicePath played = path_for(bench.device(), bench.place().path, bench.place().play.fit);
   const PathSource& source = *played.source;
   const Path path = source.read(0, source.facts().rows);
-  const std::vector<Vec3> trainee = wandering(path, bench.place().seed);
   const ArcPath finest = arc_path_of(path, kFinestSpacing);
   if (finest.length() <= 0) return trade;
-  std::vector<ArcPath::Place> places;
-  PlaceTracker exact(finest, {.allow_back = true});
-  exact.start();
-  for (std::size_t i = 0; i < trainee.size(); ++i)
-    places.push_back(exact.update(trainee[i], i > 0 ? 1 / kTraineeRate : 0).place);
-
+  const Projection projection(wandering(path, bench.place().seed), finest);
   const double usual = ArcPath::spacing_for(path.bounds().size().norm());
   for (const double spacing : kSpacings) {
     if (stop.count() > 0) break;
-    SideTrade::Level row{.level = fmt::format("{:g} mm", 1e3 * spacing),
-                         .is_default = std::abs(spacing - usual) < 1e-9,
-                         .values = {},
-                         .refused = {}};
     const ArcPath arc = arc_path_of(path, spacing);
-    PlaceTracker projection(arc, {.allow_back = true});
-    projection.start();
-    double squares = 0, peak = 0, forces = 0;
-    for (std::size_t i = 0; i < trainee.size(); ++i) {
-      const auto& foot = projection.update(trainee[i], i > 0 ? 1 / kTraineeRate : 0);
-      const double off = (foot.place.position - places[i].position).squaredNorm();
-      squares += off;
-      peak = std::max(peak, off);
-      forces += (foot.place.force - places[i].force).squaredNorm();
-    }
-    const auto n = static_cast<double>(trainee.size());
-    const auto walk = [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) (void)projection.update(trainee[i], 1 / kTraineeRate);
-    };
-    projection.start();
-    const Stopwatch watch;
-    walk(0, trainee.size());
-    const double elapsed = watch.seconds();
-    constexpr std::size_t kCounted = 25;
-    projection.start();
-    std::vector<std::uint64_t> counted;
-    if (instructions && trainee.size() > 3 * kCounted)
-      counted = count_instructions([&](const std::function<void()>& mark) {
-        walk(0, kCounted);
-        mark();
-        walk(kCounted, 2 * kCounted);
-        mark();
-      });
-    row.values = {std::sqrt(squares / n), std::sqrt(peak), source.facts().force ? std::sqrt(forces / n) : kNaN,
-                  elapsed / n, counted.empty() ? kNaN : static_cast<double>(counted.front()) / kCounted};
-    trade.levels.push_back(std::move(row));
+    PlaceTracker tracker(arc, {.allow_back = true});
+    const Projection::Errors errors = projection.errors(tracker);
+    const double time = projection.time(tracker);
+    trade.levels.push_back({.level = fmt::format("{:g} mm", 1e3 * spacing),
+                            .is_default = std::abs(spacing - usual) < 1e-9,
+                            .values = {errors.rms, errors.peak, source.facts().force ? errors.force : kNaN, time,
+                                       instructions ? projection.instructions(tracker) : kNaN},
+                            .refused = {}});
   }
   return trade;
 }
