@@ -375,132 +375,196 @@ std::vector<Configuration> refinements(const Configuration& base, const Workbenc
   return all;
 }
 
-}  // namespace
+/// The measurement of a report, stage by stage.
+class TradeMeasurement {
+ public:
+  TradeMeasurement(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
+                   const TradeProgress& progress)
+      : bench_(bench),
+        options_(options),
+        stop_(stop),
+        progress_(progress),
+        varies_(bench.place().varies),
+        least_runs_(varies_ ? std::max(options.runs * kFrontRuns, kLeastRuns) : 1),
+        trials_(bench, options.threads, stop),
+        report_{.options = options,
+                .device = bench.device().name,
+                .path = bench.place().path->facts().name,
+                .path_duration = bench.duration(),
+                .calibrated = bench.calibrated()} {}
 
-TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
-                          const TradeProgress& progress, const std::function<void(const TradeReport&)>& draw) {
-  TradeReport report{.options = options,
-                     .device = bench.device().name,
-                     .path = bench.place().path->facts().name,
-                     .path_duration = bench.duration(),
-                     .calibrated = bench.calibrated()};
-  const auto stage = [&](const char* name, double from, double to) {
-    return [&progress, name, from, to](double done) {
-      if (progress) progress(name, from + done * (to - from));
+  TradeReport run(const std::function<void(const TradeReport&)>& draw) {
+    bench_.measure_forces_against(finest(), least_runs_, stop_);
+    knobs_ = knobs_of_play(bench_, options_);
+    const std::vector<Configuration> swept = vary_every_setting();
+    time_ticks(swept, stage("timing ticks", 0.12, 0.16));
+    // Until the parts of a tick have prices, the load is the time of the whole tick.
+    trials_.each([](Outcome& outcome) { outcome.price = 1e9 * outcome.control; });
+    gather_sweeps();
+    gather_front();
+    if (draw) draw(report_);
+
+    find_margins(swept, stage("finding margins", 0.16, 0.2));
+    const TickPrices prices(bench_, options_, stop_, stage("measuring the cost of each part of a tick", 0.2, 0.4));
+    price_all(prices);
+    gather_sweeps();
+    if (options_.search && stop_.count() == 0) search(prices);
+    gather_front();
+    if (options_.search && report_.complete) keep_believed_on_front();
+    gather_plain();
+    report_.complete = report_.complete && stop_.count() == 0;
+    return std::move(report_);
+  }
+
+ private:
+  /// Returns the progress of a stage that takes the whole from one share to another.
+  [[nodiscard]] std::function<void(double)> stage(const char* name, double from, double to) const {
+    return [this, name, from, to](double done) {
+      if (progress_) progress_(name, from + done * (to - from));
     };
-  };
+  }
 
-  Configuration finest = options.base;
-  finest.interpolation = Interpolation::quintic;
-  finest.thin = 1;
-  if (bench.profile_at(kFinestRate) || !bench.calibrated()) finest.rate_hz = std::max(kFinestRate, finest.rate_hz);
-  const bool varies = bench.place().varies;
-  const std::size_t least_runs = varies ? std::max(options.runs * kFrontRuns, kLeastRuns) : 1;
-  bench.measure_forces_against(finest, least_runs, stop);
+  /// Returns the configuration against which forces are measured.
+  [[nodiscard]] Configuration finest() const {
+    Configuration finest = options_.base;
+    finest.interpolation = Interpolation::quintic;
+    finest.thin = 1;
+    if (bench_.profile_at(kFinestRate) || !bench_.calibrated()) finest.rate_hz = std::max(kFinestRate, finest.rate_hz);
+    return finest;
+  }
 
-  Trials trials(bench, options.threads, stop);
-  const std::vector<KnobOfPlay> knobs = knobs_of_play(bench, options);
-  std::vector<Configuration> swept{options.base};
-  for (const KnobOfPlay& knob : knobs)
-    for (const LevelOfKnob& level : knob.levels) swept.push_back(level.configuration);
-  report.complete = trials.run(swept, options.runs, stage("varying every setting", 0.02, 0.12));
-  const auto without_a = [&](const std::vector<Configuration>& configurations, double Outcome::*figure) {
+  /// Tries the base and every level of every setting. Returns these configurations.
+  std::vector<Configuration> vary_every_setting() {
+    std::vector<Configuration> swept{options_.base};
+    for (const KnobOfPlay& knob : knobs_)
+      for (const LevelOfKnob& level : knob.levels) swept.push_back(level.configuration);
+    report_.complete = trials_.run(swept, options_.runs, stage("varying every setting", 0.02, 0.12));
+    return swept;
+  }
+
+  /// Returns the outcomes that ran and lack a figure.
+  [[nodiscard]] std::vector<Outcome*> without_a(const std::vector<Configuration>& configurations,
+                                                double Outcome::*figure) {
     std::vector<Outcome*> open;
     for (const Configuration& configuration : configurations)
-      if (Outcome* outcome = trials.find(configuration);
+      if (Outcome* outcome = trials_.find(configuration);
           outcome != nullptr && outcome->ran() && !std::isfinite(outcome->*figure))
         if (std::find(open.begin(), open.end(), outcome) == open.end()) open.push_back(outcome);
     return open;
-  };
-  // Ticks are timed on one core while the others are idle.
-  const auto time_ticks = [&](const std::vector<Configuration>& configurations, const auto& told) {
+  }
+
+  /// Times ticks on one core while the others are idle.
+  void time_ticks(const std::vector<Configuration>& configurations, const std::function<void(double)>& told) {
     const std::vector<Outcome*> open = without_a(configurations, &Outcome::control);
-    for (std::size_t i = 0; i < open.size() && stop.count() == 0; ++i) {
-      bench.time_ticks(*open[i]);
+    for (std::size_t i = 0; i < open.size() && stop_.count() == 0; ++i) {
+      bench_.time_ticks(*open[i]);
       told(static_cast<double>(i + 1) / static_cast<double>(open.size()));
     }
-  };
-  const auto find_margins = [&](const std::vector<Configuration>& configurations, const auto& told) {
+  }
+
+  void find_margins(const std::vector<Configuration>& configurations, const std::function<void(double)>& told) {
     const std::vector<Outcome*> open = without_a(configurations, &Outcome::margin);
     (void)run_parallel(
-        open.size(), options.threads, stop, [&](std::size_t i) { bench.find_margin(*open[i]); },
+        open.size(), options_.threads, stop_, [&](std::size_t i) { bench_.find_margin(*open[i]); },
         [&](std::size_t n) {
           if (!open.empty()) told(static_cast<double>(n) / static_cast<double>(open.size()));
         });
-  };
-  time_ticks(swept, stage("timing ticks", 0.12, 0.16));
+  }
 
-  // The levels of a setting are reported as measured together, with the same number of runs.
-  const auto gather_sweeps = [&] {
-    report.sweeps.clear();
-    for (const KnobOfPlay& knob : knobs) {
-      KnobSweep sweep{.knob = knob.name, .what = knob.what, .levels = {}};
-      for (const LevelOfKnob& level : knob.levels)
-        if (const Outcome* outcome = trials.find(level.configuration))
-          sweep.levels.push_back({level.level, level.configuration == options.base, *outcome});
-      report.sweeps.push_back(std::move(sweep));
-    }
-    if (const Outcome* base = trials.find(options.base)) report.base = *base;
-    if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
-      report.plain = *plain;
-  };
-  const auto gather_front = [&] {
-    report.tried = trials.all();
-    report.front = front_of(report.tried, options.base.speed);
-  };
-  // Until the parts of a tick have prices, the load is the time of the whole tick.
-  trials.each([](Outcome& outcome) { outcome.price = 1e9 * outcome.control; });
-  gather_sweeps();
-  gather_front();
-  if (draw) draw(report);
+  void price_all(const TickPrices& prices) {
+    trials_.each([&](Outcome& outcome) { prices.put_on(outcome); });
+  }
 
-  find_margins(swept, stage("finding margins", 0.16, 0.2));
-  const TickPrices prices(bench, options, stop, stage("measuring the cost of each part of a tick", 0.2, 0.4));
-  const auto price_all = [&] { trials.each([&](Outcome& outcome) { prices.put_on(outcome); }); };
-  price_all();
-  gather_sweeps();
-  if (options.search && stop.count() == 0) {
-    report.complete = trials.run(combinations(bench, options), options.runs, stage("trying combinations", 0.4, 0.75));
-    price_all();
-    std::vector<Outcome> best = front_of(trials.all(), options.base.speed);
+  /// Tries combinations, refines the best of them, and repeats those on the front until they are known well enough.
+  void search(const TickPrices& prices) {
+    report_.complete =
+        trials_.run(combinations(bench_, options_), options_.runs, stage("trying combinations", 0.4, 0.75));
+    price_all(prices);
+    refine_best();
+    price_all(prices);
+    std::vector<Configuration> on_front;
+    for (const Outcome& outcome : present_front()) on_front.push_back(outcome.configuration);
+    on_front.push_back(plain_of(options_.base));  // its ripple may become a bound, which it keeps by definition
+    repeat_uncertain(on_front);
+    price_all(prices);
+    time_ticks(on_front, stage("timing the best", 0.96, 0.98));
+    find_margins(on_front, stage("finding the margins of the best", 0.98, 1));
+  }
+
+  void refine_best() {
+    const std::vector<Outcome> best = present_front();
     std::vector<Configuration> finer;
     // The choices are spread over the front, from its cheapest to its most accurate end.
     for (std::size_t i = 0; i < std::min(best.size(), kRefined); ++i) {
       const std::size_t at = best.size() <= kRefined ? i : i * (best.size() - 1) / (kRefined - 1);
-      for (const Configuration& configuration : refinements(best[at].configuration, bench))
+      for (const Configuration& configuration : refinements(best[at].configuration, bench_))
         finer.push_back(configuration);
     }
-    report.complete = trials.run(finer, options.runs, stage("refining the best", 0.75, 0.88)) && report.complete;
-    price_all();
-    std::vector<Configuration> on_front;
-    for (const Outcome& outcome : front_of(trials.all(), options.base.speed)) on_front.push_back(outcome.configuration);
-    std::vector<Configuration> unsure = on_front;
-    unsure.push_back(plain_of(options.base));
-    for (std::size_t times = 1; times <= kMostRepeats && !unsure.empty() && stop.count() == 0; times *= 2) {
-      report.complete =
-          trials.run(unsure, times * least_runs, stage("repeating the uncertain runs", 0.88, 0.96)) && report.complete;
+    report_.complete = trials_.run(finer, options_.runs, stage("refining the best", 0.75, 0.88)) && report_.complete;
+  }
+
+  void repeat_uncertain(std::vector<Configuration> unsure) {
+    for (std::size_t times = 1; times <= kMostRepeats && !unsure.empty() && stop_.count() == 0; times *= 2) {
+      report_.complete = trials_.run(unsure, times * least_runs_, stage("repeating the uncertain runs", 0.88, 0.96)) &&
+                         report_.complete;
       std::erase_if(unsure, [&](const Configuration& configuration) {
-        const Outcome* outcome = trials.find(configuration);
-        return outcome == nullptr || !outcome->ran() || !varies || interval_known(*outcome, bench.place().model_error);
+        const Outcome* outcome = trials_.find(configuration);
+        return outcome == nullptr || !outcome->ran() || !varies_ ||
+               interval_known(*outcome, bench_.place().model_error);
       });
     }
-    price_all();
-    on_front.push_back(plain_of(options.base));  // its ripple may become a bound, which it keeps by definition
-    time_ticks(on_front, stage("timing the best", 0.96, 0.98));
-    find_margins(on_front, stage("finding the margins of the best", 0.98, 1));
   }
-  gather_front();
-  // The final front contains only configurations with enough runs: a single lucky run must not displace a well-known
-  // one.
-  if (options.search && report.complete) {
-    std::vector<Outcome> believed = report.tried;
-    std::erase_if(believed, [&](const Outcome& outcome) { return outcome.runs < least_runs; });
-    report.front = front_of(believed, options.base.speed);
+
+  /// Reports the levels of a setting as measured together, with the same number of runs.
+  void gather_sweeps() {
+    report_.sweeps.clear();
+    for (const KnobOfPlay& knob : knobs_) {
+      KnobSweep sweep{.knob = knob.name, .what = knob.what, .levels = {}};
+      for (const LevelOfKnob& level : knob.levels)
+        if (const Outcome* outcome = trials_.find(level.configuration))
+          sweep.levels.push_back({level.level, level.configuration == options_.base, *outcome});
+      report_.sweeps.push_back(std::move(sweep));
+    }
+    if (const Outcome* base = trials_.find(options_.base)) report_.base = *base;
+    gather_plain();
   }
-  if (const Outcome* plain = trials.find(plain_of(options.base)); plain != nullptr && plain->ran())
-    report.plain = *plain;
-  report.complete = report.complete && stop.count() == 0;
-  return report;
+
+  void gather_plain() {
+    if (const Outcome* plain = trials_.find(plain_of(options_.base)); plain != nullptr && plain->ran())
+      report_.plain = *plain;
+  }
+
+  [[nodiscard]] std::vector<Outcome> present_front() const { return front_of(trials_.all(), options_.base.speed); }
+
+  void gather_front() {
+    report_.tried = trials_.all();
+    report_.front = front_of(report_.tried, options_.base.speed);
+  }
+
+  /// Keeps only configurations with enough runs on the final front: a single lucky run must not displace a well-known
+  /// one.
+  void keep_believed_on_front() {
+    std::vector<Outcome> believed = report_.tried;
+    std::erase_if(believed, [&](const Outcome& outcome) { return outcome.runs < least_runs_; });
+    report_.front = front_of(believed, options_.base.speed);
+  }
+
+  Workbench& bench_;
+  const TradeOptions& options_;
+  const StopRequest& stop_;
+  const TradeProgress& progress_;
+  bool varies_;             ///< runs of the same configuration differ
+  std::size_t least_runs_;  ///< of a configuration on the front
+  Trials trials_;
+  std::vector<KnobOfPlay> knobs_;
+  TradeReport report_;
+};
+
+}  // namespace
+
+TradeReport measure_trade(Workbench& bench, const TradeOptions& options, const StopRequest& stop,
+                          const TradeProgress& progress, const std::function<void(const TradeReport&)>& draw) {
+  return TradeMeasurement(bench, options, stop, progress).run(draw);
 }
 
 namespace {
