@@ -358,11 +358,11 @@ void count_edges(const Joins& joins, const TriangleMesh& mesh, MeshReport& repor
 }
 
 /// Decides which triangles are to be turned over, part by part.
-class Orientation {
+class PartTurns {
  public:
   enum class Turn : std::uint8_t { unknown, stays, turns };
 
-  Orientation(const TriangleMesh& mesh, const Neighbours& neighbours)
+  PartTurns(const TriangleMesh& mesh, const Neighbours& neighbours)
       : mesh_(mesh), neighbours_(neighbours), turn_(mesh.triangles.size(), Turn::unknown) {}
 
   [[nodiscard]] bool known(std::uint32_t triangle) const { return turn_[triangle] != Turn::unknown; }
@@ -415,12 +415,12 @@ void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
   const Joins joins(mesh);
   count_edges(joins, mesh, report);
   const Neighbours neighbours(joins, mesh.triangles.size());
-  Orientation orientation(mesh, neighbours);
+  PartTurns turns(mesh, neighbours);
   for (std::uint32_t seed = 0; seed < mesh.triangles.size(); ++seed) {
-    if (orientation.known(seed)) continue;
+    if (turns.known(seed)) continue;
     ++report.parts;
-    orientation.spread_from(seed, name);
-    orientation.each_turned([&](std::uint32_t t) {
+    turns.spread_from(seed, name);
+    turns.each_turned([&](std::uint32_t t) {
       std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
       ++report.turned;
     });

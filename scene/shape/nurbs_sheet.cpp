@@ -403,10 +403,10 @@ void NurbsSheet::find_valleys() {
 
 namespace {
 
-using Cells = std::array<int, 2>;  ///< along u and v of a patch
+using CellCounts = std::array<int, 2>;  ///< along u and v of a patch
 
 /// Returns the cells that keep the chords of a patch within a tolerance.
-Cells cells_of(const SheetPatch& patch, double tolerance) {
+CellCounts cells_of(const SheetPatch& patch, double tolerance) {
   const Vec2 &low = patch.surface.least(), extent = patch.surface.most() - patch.surface.least();
   const int nu = std::min(64, 4 * patch.surface.spans(0) + 1), nv = std::min(64, 4 * patch.surface.spans(1) + 1);
   double uu = 0, uv = 0, vv = 0;
@@ -432,7 +432,7 @@ Cells cells_of(const SheetPatch& patch, double tolerance) {
 /// Triangulates the part of a patch between its loops: strips between lines of constant u, cut where loops turn.
 class StripMesher {
  public:
-  StripMesher(const SheetPatch& patch, std::uint32_t index, Cells cells, SheetMesh& out)
+  StripMesher(const SheetPatch& patch, std::uint32_t index, CellCounts cells, SheetMesh& out)
       : patch_(patch),
         index_(index),
         out_(out),
@@ -553,8 +553,8 @@ class StripMesher {
 };
 
 /// Returns the cells that keep every patch within a tolerance, or fewer where that would be too many triangles.
-std::vector<Cells> cells_within(const std::vector<SheetPatch>& patches, double tolerance) {
-  std::vector<Cells> cells;
+std::vector<CellCounts> cells_within(const std::vector<SheetPatch>& patches, double tolerance) {
+  std::vector<CellCounts> cells;
   double total = 0;
   for (const SheetPatch& patch : patches) {
     cells.push_back(cells_of(patch, tolerance));
@@ -580,7 +580,7 @@ bool is_joined_to_one_side(const SheetPatch& patch, std::size_t side) {
 }
 
 /// Gives directions whose sides are joined with the same parameters the same number of cells: the largest.
-void match_cells(const std::vector<SheetPatch>& patches, std::vector<Cells>& cells) {
+void match_cells(const std::vector<SheetPatch>& patches, std::vector<CellCounts>& cells) {
   std::vector<std::size_t> group(2 * patches.size());
   std::iota(group.begin(), group.end(), 0);
   const auto root = [&](std::size_t i) {
@@ -664,7 +664,7 @@ void drop_flat_triangles(TriangleMesh& mesh) {
 }  // namespace
 
 SheetMesh NurbsSheet::tessellate(double tolerance) const {
-  std::vector<Cells> cells = cells_within(patches_, tolerance);
+  std::vector<CellCounts> cells = cells_within(patches_, tolerance);
   match_cells(patches_, cells);
   SheetMesh made;
   for (std::uint32_t p = 0; p < patches_.size(); ++p) StripMesher(patches_[p], p, cells[p], made).triangulate();
