@@ -18,8 +18,10 @@ Vec3 ArmSupport::update(const State& state, bool acts) noexcept {
   if (!(state.dt > 0) || !is_finite(state.position) || !is_finite(state.velocity)) return Vec3::Zero();
   const double on = on_.advance(acts ? 1 : 0, state.dt, acts ? kRise : kFall);
   const double rises = state.velocity.dot(options_.up), left = options_.top - state.position.dot(options_.up);
-  const double carried = std::clamp((kFastest - rises) / (kFastest - kCarried), 0.0, 1.0);
-  return on * carried * std::clamp(left / options_.fade, 0.0, 1.0) * options_.force * options_.up;
+  const double carried = std::clamp((kFastest - rises) / (kFastest - kCarried), 0.0, 1.0),
+               below = std::clamp(left / options_.fade, 0.0, 1.0),
+               damping = std::min(options_.force / (kFastest - kCarried), kMostDamping);
+  return on * (carried * below * options_.force - (1 - below) * damping * std::max(rises, 0.0)) * options_.up;
 }
 
 }  // namespace haptrace

@@ -8,15 +8,16 @@ namespace haptrace {
 
 /// A force that carries a part of an arm's weight, whatever else a session does.
 ///
-///     F = r(t) s(v . u) h(p . u) F_0 u
+///     F = r(t) (s h F_0 - (1 - h) b (v . u)+) u
 ///
 /// u is the unit vector upwards. r rises over kRise and, while a request takes the forces away, falls over kFall. It
 /// cannot know whether an arm is there, so it gives an empty handle neither speed nor a push against its stop:
 ///   - s falls from 1 to 0 while the hand rises faster than kCarried, up to kFastest: damping, of a rise alone;
-///   - h falls from 1 at `top` - `fade` to 0 at `top`: a spring, of stiffness F_0 / fade.
+///   - h falls from 1 at `top` - `fade` to 0 at `top`: a spring, of stiffness F_0 / fade;
+///   - b damps a rise there, with F_0 / (kFastest - kCarried) and at most kMostDamping.
 ///
-/// Energy: with r steady, F is a potential less what s takes. It gives at most F_0 times the way from the lowest place
-/// to the top, as the arm gave when it came down.
+/// Energy: with r steady, F is a potential less what s and b take. It gives at most F_0 times the way from the lowest
+/// place to the top, as the arm gave when it came down.
 ///
 /// A stale state is no state: at a first tick, after a gap, and for values that are not finite, the force is zero.
 ///
@@ -25,6 +26,7 @@ class ArmSupport {
  public:
   static constexpr double kRise = 2, kFall = 0.5;            ///< [s]
   static constexpr double kCarried = 0.25, kFastest = 0.75;  ///< speeds upwards [m/s]
+  static constexpr double kMostDamping = 5;                  ///< stable on a light device that is late [N s/m]
 
   struct Options {
     double force = 0;         ///< F_0 [N]

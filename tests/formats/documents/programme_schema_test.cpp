@@ -29,7 +29,8 @@ bool relates_values(const json& programme) {
          {"from the start, within start_radius", "leads out of the plane", "must not be above most",
           "no reach can end within time_limit", "is none; raise the share", "is in the start",
           "has no length, so it is no direction", "lies in the same direction as", "tracking lasts", "a press lasts",
-          "the same number is there twice", "two sines have the same frequency", "can be followed: lower amplitude"})
+          "a weight takes", "no exercise before it measures it", "the same number is there twice",
+          "two sines have the same frequency", "can be followed: lower amplitude"})
       if (why.find(words) != std::string::npos) return true;
   }
   return false;
