@@ -6,7 +6,7 @@ import test from "node:test";
 import { browser } from "./browser.mjs";
 import { open, rowAt, run, scratch, start } from "./support.mjs";
 
-const SIZES = [[360, 640], [390, 844], [640, 400], [1280, 800], [1920, 1080]];
+const SIZES = [[320, 480], [360, 640], [390, 844], [640, 400], [1280, 800], [1920, 1080]];
 
 // Lists the faults of the page's layout; run in the page.
 function problems() {
@@ -52,6 +52,27 @@ function problems() {
   return out;
 }
 
+// Opens the keys, the values and the text of a mark in turn: Stop is whole and on top beside each of them.
+async function stopIsBesideDialogs(page, size) {
+  for (const [what, show] of [
+    ["the keys", () => page.keyboard.press("?")],
+    ["the values", () => page.evaluate(() => [...document.querySelectorAll("[aria-label='Table of values']")].find((b) => b.checkVisibility()).click())],
+    ["the text of a mark", () => page.keyboard.press("n")],
+  ]) {
+    await show();
+    await page.waitForSelector("dialog[open]");
+    assert.deepEqual(await page.evaluate(() => {
+      const stop = document.querySelector("[data-stop]"), box = stop.getBoundingClientRect();
+      const dialog = document.querySelector("dialog").getBoundingClientRect();
+      const covered = [[box.left + 2, box.top + 2], [box.right - 2, box.bottom - 2], [(box.left + box.right) / 2, (box.top + box.bottom) / 2]]
+        .filter(([x, y]) => !stop.contains(document.elementFromPoint(x, y)));
+      return { covered: covered.length, inside: dialog.left >= 0 && dialog.top >= 0 && dialog.right <= innerWidth && dialog.bottom <= innerHeight, high: dialog.height >= 100 };
+    }), { covered: 0, inside: true, high: true }, `${size}, beside ${what}`);
+    await page.locator("dialog").getByRole("button", { name: "Close" }).click();
+    await page.waitForFunction(() => document.querySelector("dialog") === null);
+  }
+}
+
 for (const scheme of ["light", "dark"]) {
   test(`a recording fits every window, ${scheme}`, async (t) => {
     const folder = scratch(t);
@@ -88,6 +109,7 @@ for (const scheme of ["light", "dark"]) {
         assert.ok(stop.height >= 60 && stop.width >= 60, `Stop is ${stop.width} x ${stop.height}`);
         assert.equal(await page.locator("[data-stop]").isEnabled(), true);
       }
+      await stopIsBesideDialogs(page, `${width} x ${height}`);
       assert.deepEqual(page.errors, []);
       await page.context().close();
     }
@@ -134,6 +156,7 @@ for (const [what, arguments_] of [
           await page.evaluate((y) => window.scrollTo(0, y), scroll);
           assert.deepEqual(await page.evaluate(hidden), [], `${width} x ${height}, scrolled to ${scroll}`);
         }
+        await stopIsBesideDialogs(page, `${width} x ${height}`);
         assert.deepEqual(page.errors, []);
         await page.context().close();
       }

@@ -60,17 +60,41 @@ test("the curve of a live session equals the recorded file", async (t) => {
   assert.deepEqual(page.errors.filter((e) => !/WebSocket|ERR_CONNECTION/.test(e)), []);
 });
 
+const pressStop = async (page) => {
+  const box = await page.locator("[data-stop]").boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down(); // at the press already, not at the release
+};
+
 for (const [how, press] of [
-  ["the button", async (page) => {
-    const box = await page.locator("[data-stop]").boundingBox();
-    await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
-    await page.mouse.down(); // at the press already, not at the release
-  }],
+  ["the button", pressStop],
   ["the Esc key", (page) => page.keyboard.press("Escape")],
   ["the Esc key in a dialog", async (page) => {
     await page.keyboard.press("?");
     await page.waitForSelector("dialog[open]");
     await page.keyboard.press("Escape");
+  }],
+  ["the button beside the keys", async (page) => {
+    await page.keyboard.press("?");
+    await page.waitForSelector("dialog[open]");
+    await pressStop(page);
+  }],
+  ["the button beside the values", async (page) => {
+    await page.getByRole("button", { name: "Table of values" }).first().click();
+    await page.waitForSelector("dialog[open]");
+    await pressStop(page);
+  }],
+  ["the button beside the text of a mark", async (page) => {
+    await page.keyboard.press("n");
+    await page.waitForSelector("dialog[open]");
+    await page.keyboard.type("tired");
+    await pressStop(page);
+  }],
+  ["Tab and Enter beside the text of a mark", async (page) => {
+    await page.keyboard.press("n");
+    await page.waitForSelector("dialog[open]");
+    for (let i = 0; i < 60 && !(await page.evaluate(() => document.activeElement?.matches("[data-stop]"))); i++) await page.keyboard.press("Tab");
+    await page.keyboard.press("Enter");
   }],
 ]) {
   test(`Stop by ${how} ends a session without --control, with zero force, and the page says so`, async (t) => {

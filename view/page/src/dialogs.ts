@@ -4,16 +4,82 @@ import { cellText, clock, columnWord, decimals, quantity, shownAs } from "./form
 import { KEY_TABLE, lettersOn, setLetters } from "./keys";
 import type { Model } from "./model";
 
-function open(title: string, ...body: Node[]): HTMLDialogElement {
+// Distance of a dialog from Stop and from the edges of the window [CSS px].
+const GAP = 8;
+
+export interface Box {
+  left: number;
+  top: number;
+  right: number;
+  bottom: number;
+}
+
+// Returns the largest part of a window of `width` x `height` that leaves `stop` free; the whole window without a `stop`.
+export function roomBeside(stop: Box | null, width: number, height: number): Box {
+  const all: Box = { left: GAP, top: GAP, right: width - GAP, bottom: height - GAP };
+  if (stop === null || stop.right <= 0 || stop.bottom <= 0 || stop.left >= width || stop.top >= height) return all;
+  const area = (b: Box): number => Math.max(0, b.right - b.left) * Math.max(0, b.bottom - b.top);
+  const parts: Box[] = [
+    { ...all, top: stop.bottom + GAP },
+    { ...all, bottom: stop.top - GAP },
+    { ...all, right: stop.left - GAP },
+    { ...all, left: stop.right + GAP },
+  ];
+  return parts.reduce((best, part) => (area(part) > area(best) ? part : best));
+}
+
+let close: (() => void) | null = null;
+
+// Opens a dialog in place of the one that is open. It is not modal: Stop and the rest of the page work beside it, so it
+// never covers Stop. A click beside it closes it, unless it `holds` what a person types.
+function open(title: string, holds: boolean, ...body: Node[]): HTMLDialogElement {
+  close?.();
+  const before = document.activeElement;
   const dialog = el("dialog", { "aria-label": title });
-  const close = button("Close", { text: "Close", class: "button" }, () => dialog.close());
-  dialog.append(el("div", { class: "dialog-head" }, el("h2", {}, title), close), el("div", { class: "dialog-body" }, ...body));
-  dialog.addEventListener("close", () => dialog.remove());
-  dialog.addEventListener("click", (event) => {
-    if (event.target === dialog) dialog.close();
-  });
+  const ends = new AbortController();
+  const { signal } = ends;
+  const end = (): void => {
+    if (signal.aborted) return;
+    ends.abort();
+    if (close === end) close = null;
+    const inside = dialog.contains(document.activeElement);
+    dialog.close();
+    dialog.remove();
+    if (inside && before instanceof HTMLElement && before !== document.body) before.focus();
+  };
+  close = end;
+  dialog.addEventListener("close", end);
+  const closeButton = button("Close", { text: "Close", class: "button" }, end);
+  dialog.append(el("div", { class: "dialog-head" }, el("h2", {}, title), closeButton), el("div", { class: "dialog-body" }, ...body));
+  // The key stops a live session too.
+  window.addEventListener("keydown", (event) => {
+    if (event.key === "Escape") end();
+  }, { signal });
+  const place = (): void => {
+    const stop = document.querySelector("[data-stop]")?.getBoundingClientRect() ?? null;
+    const width = document.documentElement.clientWidth;
+    const height = window.innerHeight;
+    const room = roomBeside(stop, width, height);
+    const { style } = dialog;
+    style.left = `${room.left}px`;
+    style.top = `${room.top}px`;
+    style.right = `${width - room.right}px`;
+    style.bottom = `${height - room.bottom}px`;
+    style.maxWidth = `${room.right - room.left}px`;
+    style.maxHeight = `${room.bottom - room.top}px`;
+  };
   document.body.append(dialog);
-  dialog.showModal();
+  place();
+  dialog.show();
+  const timer = window.setInterval(place, 200);
+  signal.addEventListener("abort", () => window.clearInterval(timer));
+  for (const event of ["resize", "scroll"] as const) window.addEventListener(event, place, { signal });
+  // The click that opened the dialog is still on its way.
+  window.setTimeout(() => {
+    document.addEventListener("click", (event) => {
+      if (!holds && event.target instanceof Node && event.target.isConnected && !dialog.contains(event.target)) end();
+    }, { signal });
+  });
   return dialog;
 }
 
@@ -22,7 +88,7 @@ let help: HTMLDialogElement | null = null;
 // Opens the table of keys, or closes it.
 export function toggleHelp(live: boolean): void {
   if (help !== null && help.open) {
-    help.close();
+    close?.();
     return;
   }
   const rows = KEY_TABLE.map(([keys, meaning]) => {
@@ -35,6 +101,7 @@ export function toggleHelp(live: boolean): void {
   letters.addEventListener("change", () => setLetters(letters.checked));
   help = open(
     "Keys",
+    false,
     el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Key"), el("th", { scope: "col" }, "Meaning"))), el("tbody", {}, ...rows)),
     el("label", { class: "check" }, letters, el("span", {}, "Letters and signs are keys")),
     el("p", { class: "quiet" }, "Scene: drag turns, right drag moves, the wheel zooms, double click fits. Timeline and charts: click or drag to seek, Shift and drag to select a loop, the wheel zooms."),
@@ -73,7 +140,7 @@ export function openValues(model: Model, drawing: string): void {
   update();
   const parts: Node[] = [values, el("h3", {}, "Session"), summary];
   if (marks.childElementCount > 0) parts.push(el("h3", {}, "Events and warnings"), el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Time"), el("th", { scope: "col" }, "Kind"), el("th", { scope: "col" }, "Text"))), marks));
-  const dialog = open("Values", ...parts);
+  const dialog = open("Values", false, ...parts);
   const timer = window.setInterval(update, 500);
   dialog.addEventListener("close", () => window.clearInterval(timer));
 }
@@ -132,7 +199,7 @@ export function askText(title: string, label: string): Promise<string | null> {
       text = field.value.trim();
       dialog.close();
     });
-    const dialog = open(title, form);
+    const dialog = open(title, true, form);
     dialog.addEventListener("close", () => resolve(text));
     field.focus();
   });
