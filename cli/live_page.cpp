@@ -136,8 +136,14 @@ void LivePage::watch(SessionOptions& session) {
   session.also_warn([this] { return view_->warnings(); });
 }
 
+void LivePage::use(Commands& commands) {
+  commands_ = &commands;
+  if (training_) training_->ask(&commands);
+}
+
 void LivePage::release() {
   commands_ = nullptr;
+  if (training_) training_->ask(nullptr);
   if (!view_) return;
   view_->abandon("the session could not be run");
   view_->over();

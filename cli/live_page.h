@@ -46,7 +46,7 @@ class LivePage final : public SessionObserver {
   /// Lets a page give commands as long as it lives. Destroy it before the commands.
   class [[nodiscard]] Use {
    public:
-    Use(LivePage& page, Commands& commands) : page_(page) { page_.commands_ = &commands; }
+    Use(LivePage& page, Commands& commands) : page_(page) { page_.use(commands); }
     ~Use() { page_.release(); }
     Use(const Use&) = delete;
     Use& operator=(const Use&) = delete;
@@ -82,6 +82,8 @@ class LivePage final : public SessionObserver {
     void push_contact(const ContactSample& contact) noexcept override { view->push_contact(contact); }
     void between_ticks(bool may_wait) noexcept override { view->between_ticks(may_wait); }
   };
+
+  void use(Commands& commands);
 
   /// Ends what is shown: also a session that threw, and a programme after its last repetition.
   void release();

@@ -9,6 +9,11 @@ namespace haptrace::cli {
 LiveTraining::LiveTraining(LiveView& view)
     : view_(view), thread_([this](const std::stop_token& stop) { follow(stop); }) {}
 
+void LiveTraining::ask(const Commands* commands) {
+  const std::lock_guard lock(mutex_);
+  commands_ = commands;
+}
+
 void LiveTraining::change(const std::function<void(TrainingProgress&)>& how) {
   const std::lock_guard lock(mutex_);
   how(progress_);
@@ -24,7 +29,8 @@ void LiveTraining::follow(const std::stop_token& stop) {
     if (sample.tick == seen) continue;
     seen = sample.tick;
     const std::lock_guard lock(mutex_);
-    if (progress_.observe(sample)) send();
+    const bool skipped = sample.phase == Phase::stopped && commands_ != nullptr && commands_->skips();
+    if (progress_.observe(sample, skipped)) send();
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include "base/mailbox.h"
 #include "player/programme/training_screen.h"
+#include "player/tuning/commands.h"
 #include "view/live_view.h"
 
 #include <functional>
@@ -13,7 +14,7 @@ namespace haptrace::cli {
 
 /// Follows a session by its samples, and sends every change of the trainee's screen to the page.
 ///
-/// Threads: push from the servo loop, change from one other thread. Real-time: push.
+/// Threads: push from the servo loop, ask and change from one other thread. Real-time: push.
 class LiveTraining final : public SampleSink {
  public:
   /// Borrows `view`, which shows nothing before the first change.
@@ -21,6 +22,9 @@ class LiveTraining final : public SampleSink {
 
   using SampleSink::push;
   void push(const Sample& sample) noexcept override { newest_.post(sample); }
+
+  /// Asks `commands`, borrowed until the next call, whether a repetition that ends was skipped; null: none was.
+  void ask(const Commands* commands);
 
   /// Changes the screen and sends it.
   void change(const std::function<void(TrainingProgress&)>& how);
@@ -31,8 +35,9 @@ class LiveTraining final : public SampleSink {
 
   LiveView& view_;
   Mailbox<Sample> newest_;
-  std::mutex mutex_;  ///< protects progress_
+  std::mutex mutex_;  ///< protects the next two
   TrainingProgress progress_;
+  const Commands* commands_ = nullptr;
   std::jthread thread_;
 };
 

@@ -14,8 +14,8 @@
 namespace haptrace {
 namespace {
 
-constexpr EnumNames<TrainingScreen::State, 9> kStates{
-    "state", {"waiting", "approach", "go", "moving", "done", "rest", "question", "stopped", "finished"}};
+constexpr EnumNames<TrainingScreen::State, 10> kStates{
+    "state", {"waiting", "approach", "go", "moving", "done", "rest", "question", "skipped", "stopped", "finished"}};
 
 constexpr std::size_t kLeastEarlier = 3;  // repetitions that have a spread
 constexpr double kSpreads = 1.5;          // median absolute deviations: about one standard deviation
@@ -109,11 +109,13 @@ void TrainingProgress::begin(TrainingTrial trial) {
   go_since_.reset();
 }
 
-bool TrainingProgress::observe(const Sample& sample) {
+bool TrainingProgress::observe(const Sample& sample, bool skipped) {
   using Step = TrainingScreen::State;
   Step state = screen_.state;
   const double now = 1e-9 * static_cast<double>(sample.time_ns);
-  if (state == Step::stopped || state == Step::finished || state == Step::rest || state == Step::question) return false;
+  if (state == Step::skipped || state == Step::stopped || state == Step::finished || state == Step::rest ||
+      state == Step::question)
+    return false;
   switch (sample.phase) {
     case Phase::approach:
       state = Step::approach;
@@ -133,7 +135,7 @@ bool TrainingProgress::observe(const Sample& sample) {
       go_since_.reset();
       break;
     case Phase::stopped:
-      state = Step::stopped;
+      state = skipped ? Step::skipped : Step::stopped;
       break;
     default:
       break;
@@ -143,6 +145,7 @@ bool TrainingProgress::observe(const Sample& sample) {
 
 void TrainingProgress::end(const LoggedTrial& trial, const std::vector<LoggedTrial>& earlier) {
   end(!trial.done() || trial.skipped(), training_score(trial, earlier));
+  if (trial.skipped()) screen_.state = TrainingScreen::State::skipped;
 }
 
 void TrainingProgress::end(bool stopped, std::optional<TrainingScore> score) {

@@ -29,7 +29,8 @@ struct TrainingScreen {
     done,
     rest,
     question,  ///< which of two places was farther
-    stopped,   ///< a limit, a fault or a command ended the repetition
+    skipped,   ///< a command ended the repetition, and the next one follows
+    stopped,   ///< a limit, a fault or a stop ended the repetition
     finished,  ///< the session is over
   };
 
@@ -61,8 +62,9 @@ class TrainingProgress {
   [[nodiscard]] const TrainingScreen& screen() const noexcept { return screen_; }
 
   void begin(TrainingTrial trial);
-  /// Follows a sample of the session. Returns true if the state changed.
-  bool observe(const Sample& sample);
+  /// Follows a sample of the session; `skipped`: a repetition that ends now was skipped. Returns true if the state
+  /// changed.
+  bool observe(const Sample& sample, bool skipped = false);
   /// Ends a repetition of a programme. `earlier` are the trials of the log before it.
   void end(const LoggedTrial& trial, const std::vector<LoggedTrial>& earlier);
   /// Ends a repetition that has no log, as in `guide`: `score` without `best`.

@@ -9,7 +9,8 @@ namespace haptrace {
 
 /// A quantity or switch of a running session that a command changes: "NAME VALUE" (docs/tuning.md).
 struct LiveControl {
-  enum class Kind { number, toggle };  ///< a toggle is 0 or 1
+  /// A toggle is 0 or 1. A factor has no single value: only "NAME * F" and "NAME / F" change it.
+  enum class Kind { number, toggle, factor };
 
   std::string name;               ///< first word of the command
   std::string label;              ///< in words, for a page
@@ -17,8 +18,10 @@ struct LiveControl {
   double value = 0;               ///< in force
   double least = 0, largest = 1;  ///< limits to which a command clamps
   double step = 0.05;             ///< of a button that increases or decreases the value
-  std::string because;            ///< name of the limit `largest`, without an article; may be empty
+  double ratio = 0;               ///< by which a button multiplies or divides the value; 0: it adds `step`
+  std::string because;            ///< name of the limit `largest`, without an article; of a factor, why it is one
   Kind kind = Kind::number;
+  std::string text;  ///< present values of a factor
 };
 
 /// Executes commands for a running session.
@@ -48,6 +51,12 @@ class Commands {
 
   /// Returns the share of the feedback forces that commands ask for, 0 to 1.
   [[nodiscard]] virtual double share() const { return 1; }
+
+  /// Returns true from `pause` to `resume`. A programme brings its present repetition to an end first.
+  [[nodiscard]] virtual bool paused() const { return false; }
+
+  /// Returns true if `skip` ends the present repetition of a programme, or ended the last one.
+  [[nodiscard]] virtual bool skips() const { return false; }
 
   /// Takes a notice for the user from a source of commands that has no reader for the answers, such as a file.
   virtual void tell(std::string notice) { (void)notice; }

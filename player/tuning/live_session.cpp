@@ -256,6 +256,11 @@ bool LiveSession::paused() const {
   return wanted_.paused;
 }
 
+bool LiveSession::skips() const {
+  const std::lock_guard lock(mutex_);
+  return skipped_;  // only in a programme; until the next repetition
+}
+
 double LiveSession::share() const {
   const std::lock_guard lock(mutex_);
   return wanted_.share;

@@ -57,7 +57,8 @@ class LiveSession : public Commands, public SampleSink {
 
   /// Holds the newest requests for the servo loop.
   [[nodiscard]] Mailbox<SessionRequests>& requests() noexcept { return requests_; }
-  [[nodiscard]] bool paused() const;
+  [[nodiscard]] bool paused() const final;
+  [[nodiscard]] bool skips() const final;
   bool attend(bool attended) final;
   /// Returns the wanted share of the feedback forces: 1, or kSoftened after `soften` and while nobody attends.
   [[nodiscard]] double share() const final;

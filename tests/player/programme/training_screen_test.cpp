@@ -180,6 +180,24 @@ TEST(TrainingProgress, HidesTheScoreOfATestAndOfAStoppedRepetition) {
   EXPECT_FALSE(progress.observe(training_sample(9, Phase::run))) << "a late sample does not undo it";
 }
 
+TEST(TrainingProgress, SaysThatARepetitionWasSkippedAndNotThatItWasStopped) {
+  TrainingProgress progress;
+  progress.begin({.exercise = "curve"});
+  progress.observe(training_sample(1, Phase::run));
+  EXPECT_TRUE(progress.observe(training_sample(2, Phase::stopped), true));
+  EXPECT_EQ(progress.screen().state, Screen::skipped);
+  EXPECT_FALSE(progress.observe(training_sample(2.1, Phase::stopped))) << "a late sample does not undo it";
+  LoggedTrial trial = scored(0.9, 5);
+  trial.stopped_by = "skipped";
+  progress.end(trial, {});
+  EXPECT_EQ(to_json(progress.screen())["state"], "skipped");
+  EXPECT_FALSE(progress.screen().score);
+
+  progress.begin({.exercise = "curve"});
+  EXPECT_TRUE(progress.observe(training_sample(1, Phase::stopped)));
+  EXPECT_EQ(progress.screen().state, Screen::stopped);
+}
+
 TEST(TrainingScore, IsTheBestOnlyBeyondTheTraineesOwnSpread) {
   const std::vector<LoggedTrial> earlier{scored(0.80, 6), scored(0.84, 6.5), scored(0.88, 6.2)};
   EXPECT_FALSE(training_score(scored(0.95, 6), {earlier[0], earlier[1]})->best) << "two have no spread";
