@@ -195,20 +195,25 @@ nlohmann::json LiveGuidance::state() const {
 }
 
 std::vector<LiveControl> LiveGuidance::list_controls() const {
-  constexpr double kSteps = 20;  // from the least to the largest value
+  constexpr double kSteps = 20;   // from the least to the largest value
+  constexpr double kRatio = 1.1;  // of a button for the stiffness, as of a key in the terminal
   std::vector<LiveControl> controls;
   if (!scope_) return controls;
   for (const Quantity& one : all()) {
     if (!one.present(*scope_) || (scope_->adapts && one.value != &GuidanceValues::assist)) continue;
-    const bool radius = one.value == &GuidanceValues::radius;
+    const bool radius = one.value == &GuidanceValues::radius, stiffness = one.value == &GuidanceValues::stiffness;
+    const double value = wanted_.*one.value;
     const double largest = one.largest(*scope_);
     controls.push_back({.name = one.name,
                         .label = radius && scope_->varies ? "Factor on the radius of the tunnel" : one.label,
                         .unit = radius && scope_->varies ? "" : one.unit,
-                        .value = wanted_.*one.value,
+                        .value = value,
                         .least = std::min(one.least(*scope_), largest),
                         .largest = largest,
-                        .step = radius ? (scope_->varies ? 0.1 : 5e-4) : largest / kSteps,
+                        .step = radius      ? (scope_->varies ? 0.1 : 5e-4)
+                                : stiffness ? (kRatio - 1) * value
+                                            : largest / kSteps,
+                        .ratio = stiffness ? kRatio : 0,
                         .because = one.because != nullptr ? one.because : scope_->because});
   }
   return controls;

@@ -228,23 +228,37 @@ std::vector<LiveControl> LiveTuning::list_controls() const {
                                                           {"friction", "Compensation of friction"},
                                                           {"observer", "Disturbance observer"},
                                                           {"learning", "Learned force"}};
-  constexpr double kSteps = 20;  // from none to the largest value
+  constexpr double kRatio = 1.1;   // of a button, as of a key in the terminal
+  constexpr double kFirst = 1e-2;  // first step from 0, as a share of the largest value
   std::vector<LiveControl> controls;
   // One number changes all axes, and so would hide that they differ.
+  bool differ = false;
   const auto add_gain = [&](const char* name, const char* label, const char* unit, const Vec3& gain, const Vec3& most) {
-    if (!(gain.array() == gain[0]).all()) return;
+    if (!(gain.array() == gain[0]).all()) {
+      differ = true;
+      return;
+    }
     const double largest = most.maxCoeff();
     controls.push_back({.name = name,
                         .label = label,
                         .unit = unit,
                         .value = gain[0],
                         .largest = largest,
-                        .step = largest / kSteps,
+                        .step = gain[0] > 0 ? (kRatio - 1) * gain[0] : kFirst * largest,
+                        .ratio = kRatio,
                         .because = options_.limits.because});
   };
   const PdGains &gains = wanted_.gains, &largest = options_.limits.largest;
   add_gain("kp", "Stiffness", "N/m", gains.kp, largest.kp);
   add_gain("kd", "Damping", "N s/m", gains.kd, largest.kd);
+  if (differ)
+    controls.push_back({.name = "gains",
+                        .label = "Stiffness and damping",
+                        .unit = "",
+                        .ratio = kRatio,
+                        .because = "the gains of the axes differ",
+                        .kind = LiveControl::Kind::factor,
+                        .text = gain_text(gains, true)});
   for (const CompensationTerm& share : kCompensationTerms)
     if (options_.composed.*share.composed)
       controls.push_back({.name = share.name,

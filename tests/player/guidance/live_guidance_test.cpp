@@ -134,6 +134,7 @@ TEST(LiveGuidance, ListsWhatAPageShows) {
   EXPECT_THAT(names, ElementsAre("radius", "stiffness", "force", "assist", "damping"));
   EXPECT_THAT(live.actions(), ElementsAre("pause", "skip", "repeat", "mark", "note"));
   EXPECT_EQ(live.controls()[1].because, "stability limit of this device");
+  EXPECT_NEAR(live.controls()[1].ratio, 1.1, 1e-12) << "a button for the stiffness does as the key in the terminal";
 }
 
 struct LiveRun {

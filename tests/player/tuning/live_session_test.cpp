@@ -111,6 +111,31 @@ TEST(LiveSession, ListsTheActionsThatWorkNow) {
   EXPECT_THAT(names, ElementsAre("kp", "kd")) << "the terms that the session has";
 }
 
+TEST(LiveSession, AButtonForAGainChangesItByTenPerCentOfItsPresentValue) {
+  LiveTuning live(kSoft, {});
+  for (const char* line : {"kp 556", "kp 200"}) {
+    (void)live.obey(line);
+    const LiveControl kp = live.controls()[0];
+    EXPECT_NEAR(kp.ratio, 1.1, 1e-12);
+    EXPECT_NEAR(kp.step, 0.1 * kp.value, 1e-9);
+  }
+  (void)live.obey("kp 0");
+  EXPECT_GT(live.controls()[0].step, 0) << "a factor would stay at 0";
+}
+
+TEST(LiveSession, GainsThatDifferByAxisAreAControlThatOnlyAFactorChanges) {
+  LiveTuning live(kSoft, {});
+  (void)live.obey("kp 200 200 150");
+  const std::vector<LiveControl> controls = live.controls();
+  ASSERT_EQ(controls.size(), 2U);
+  EXPECT_EQ(controls[0].name, "kd");
+  EXPECT_EQ(controls[1].name, "gains");
+  EXPECT_EQ(controls[1].kind, LiveControl::Kind::factor);
+  EXPECT_THAT(controls[1].text, HasSubstr("kp 200 200 150"));
+  EXPECT_FALSE(controls[1].because.empty());
+  EXPECT_THAT(live.obey("gains / 1.1"), HasSubstr("ok kp 181.818 181.818 136.364"));
+}
+
 TEST(LiveSession, TakesAnAnswerOnlyWhileThereIsAQuestion) {
   LiveTuning live(kSoft, {});
   EXPECT_THAT(live.obey("first"), HasSubstr("first: there is no question now"));
