@@ -7,6 +7,7 @@
 #include "control/event_words.h"
 #include "devices/loop/clock.h"
 #include "devices/sim/hand_steering.h"
+#include "player/tuning/commands.h"
 #include "player/tuning/tuning_server.h"
 #include "recorder/annotations.h"
 #include "view/live_sink.h"
@@ -40,6 +41,7 @@ constexpr double kMargin = 0.1;       // by which an intention may leave the wor
 constexpr double kHoldSilence = 0.3;  // silence after which a page lets go of the hand [s]
 
 constexpr EnumNames<PageLost, 3> kPageLost{"reaction", {"soften", "stop", "ignore"}};
+constexpr EnumNames<LiveControl::Kind, 3> kControlKinds{"kind", {"number", "switch", "factor"}};
 
 void put_known(nlohmann::json& object, const char* key, double value) {
   if (std::isfinite(value)) object[key] = value;
@@ -61,8 +63,10 @@ nlohmann::json json_of(const LiveControl& control) {
           {"least", json_of_number(control.least)},
           {"largest", json_of_number(control.largest)},
           {"because", control.because},
-          {"kind", control.kind == LiveControl::Kind::toggle ? "switch" : "number"},
-          {"step", json_of_number(control.step)}};
+          {"kind", kControlKinds.name(control.kind)},
+          {"step", json_of_number(control.step)},
+          {"ratio", json_of_number(control.ratio)},
+          {"text", control.text}};
 }
 
 /// Returns the part of an intention that the workspace allows.
@@ -72,14 +76,16 @@ Vec3 within(const DeviceInfo& device, const Vec3& position) {
 }
 
 /// Returns the token to use: `asked`, or a new one. It is a part of an address, so it has no other characters than
-/// these.
+/// these. The page has the same rule (readToken in client.ts).
 std::string token_from(const std::string& asked) {
   if (asked.empty()) return new_tuning_token();
-  constexpr std::size_t kShortest = 16;
+  constexpr std::size_t kShortest = 16, kLongest = 128;
   constexpr std::string_view kAllowed = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
-  if (asked.size() < kShortest || asked.find_first_not_of(kAllowed) != std::string::npos)
+  if (asked.size() < kShortest || asked.size() > kLongest || asked.find_first_not_of(kAllowed) != std::string::npos)
     throw input_error(
-        fmt::format("a token of the view must have at least {} letters and digits, and nothing else", kShortest));
+        fmt::format("a token of the view must have {} to {} letters and digits, and nothing else; remove its file to "
+                    "get a new one",
+                    kShortest, kLongest));
   return asked;
 }
 
@@ -523,7 +529,8 @@ class LiveView::Sessions final : private PageHandler {
             {"deviation", json_of_number((sample.position - sample.reference_position).norm())},
             {"speed", json_of_number(sample.velocity.norm())},
             {"share", std::min(share_, targets_.commands != nullptr ? targets_.commands->share() : 1)},
-            {"paused", view_.recording && view_.recording->paused},
+            {"paused", (view_.recording && view_.recording->paused) ||
+                           (targets_.commands != nullptr && targets_.commands->paused())},
             {"ended", !running_ && !more_},
             {"reason", more_ ? std::string() : reason_},
             {"zero_force", more_ ? std::string() : zero_force_},

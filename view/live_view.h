@@ -63,7 +63,7 @@ class LiveView {
  public:
   struct Options {
     std::uint16_t port = 0;     ///< 0: any free port
-    std::string token;          ///< of the therapist, at least 16 letters and digits; empty: a new one
+    std::string token;          ///< of the therapist, 16 to 128 letters and digits; empty: a new one
     std::string trainee_token;  ///< of the trainee, likewise
     bool control = false;       ///< allow commands
     bool steer = false;         ///< allow a page to move the simulated hand
@@ -75,7 +75,7 @@ class LiveView {
   };
 
   /// Listens on 127.0.0.1 and ::1. Throws Error(input): the port is taken, the token has other
-  /// characters, or the patience is not from 0.5 to 60 s.
+  /// characters or another length, or the patience is not from 0.5 to 60 s.
   explicit LiveView(const Options& options);
 
   /// Closes all pages.

@@ -172,6 +172,7 @@ class NotedCommands final : public Commands {
   std::string obey(std::string_view command) override {
     const std::lock_guard lock(mutex_);
     lines_.emplace_back(command);
+    if (command == "pause" || command == "resume") paused_ = command == "pause";
     if (command.starts_with("kp ")) value_ = std::stod(std::string(command.substr(3)));
     return "ok " + std::string(command);
   }
@@ -187,6 +188,10 @@ class NotedCommands final : public Commands {
     return true;
   }
   [[nodiscard]] double share() const override { return 0.3; }
+  [[nodiscard]] bool paused() const override {
+    const std::lock_guard lock(mutex_);
+    return paused_;
+  }
 
   [[nodiscard]] std::vector<std::string> lines() const {
     const std::lock_guard lock(mutex_);
@@ -204,6 +209,7 @@ class NotedCommands final : public Commands {
   mutable std::mutex mutex_;
   std::vector<std::string> lines_;
   double value_ = 100;
+  bool paused_ = false;
 };
 
 /// A session that does not run: its samples are pushed by the test.
@@ -248,6 +254,27 @@ TEST(LiveView, ATherapistWithControlCommandsTheSessionAndSeesItsControls) {
 
   JoinedPage late(view, ViewRole::therapist);
   EXPECT_EQ(late.wait_for("controls")["list"][0]["value"], 250);
+}
+
+TEST(LiveView, TakesTheTokensThatItsPageTakesAndNoOthers) {
+  for (const std::string& token : {std::string("Sixteen0letters0"), std::string(128, 'z')})
+    EXPECT_EQ(token_of(LiveView({.token = token}).address(ViewRole::therapist)), token);
+  for (const std::string& token : {std::string("short"), std::string(129, 'z'), std::string("sixteen-letters-")})
+    EXPECT_THAT(test::error_of([&] { (void)LiveView({.token = token}); }), testing::HasSubstr("16 to 128 letters"));
+}
+
+TEST(LiveView, TheStatusSaysWhetherACommandPausesTheSession) {
+  NotedCommands commands;
+  LiveView view({.control = true});
+  JoinedPage page(view, ViewRole::therapist), trainee(view, ViewRole::trainee);
+  const StandingSession session(view, {.commands = &commands});
+  for (const bool paused : {false, true, false}) {
+    const std::string line = paused ? "pause" : "resume";
+    page.send({{"type", "command"}, {"id", 1}, {"line", line}});
+    EXPECT_EQ(page.wait_for("answer")["text"], "ok " + line);
+    for (JoinedPage* one : {&page, &trainee})
+      one->wait_for("status", [&](const nlohmann::json& said) { return said["paused"] == paused; });
+  }
 }
 
 TEST(LiveView, WithoutPermissionNoCommandReachesTheSession) {

@@ -2,16 +2,16 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { screenState, wordsOf, lookOf, soundOf, describe, describeScene, nice, round } = await load("training", "section", "scene/scene");
+const { screenState, wordsOf, lookOf, soundOf, pauseState, canPause, describe, describeScene, nice, round } = await load("training", "section", "scene/scene");
 
-const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "question", "stopped", "finished"];
+const STATES = ["waiting", "approach", "go", "moving", "done", "rest", "question", "skipped", "stopped", "finished"];
 const SHOW = { tool: true, path: true, tunnel: true, trail: true, score: true };
 const message = (state, changes = {}) => ({
   type: "training", state, exercise: "Curve", mode: "tunnel", trial: 3, of: 8, repetition: 3, repetitions: 8, show: SHOW,
   rest_s: 12, next: "curve, repetition 4 of 8", score: { time_in_tunnel: 0.934, time_s: 6.24, best: true }, ...changes,
 });
 const all = (w) => [w.word, w.beside, w.sentence, w.best, ...w.figures.flatMap((f) => [f.value, f.unit, f.label])].join(" ");
-const situation = (changes) => ({ training: message("moving"), heard: true, hadConnection: true, ended: false, ...changes });
+const situation = (changes) => ({ training: message("moving"), heard: true, hadConnection: true, ended: false, finished: false, verb: "run", ...changes });
 
 test("Each state has its words", () => {
   const words = Object.fromEntries(STATES.map((s) => [s, wordsOf(s, message(s), 11.2, "confirmed")]));
@@ -80,6 +80,39 @@ test("A session that ends during a movement is stopped, after a repetition it is
     assert.equal(screenState(situation({ ended: true, training: message(state) })), "stopped");
   }
   for (const state of ["done", "rest"]) assert.equal(screenState(situation({ ended: true, training: message(state) })), "finished");
+});
+
+test("A playback and a recording have words while they run, and an end of their own", () => {
+  const bare = (verb, changes = {}) => screenState(situation({ training: null, verb, ...changes }));
+  assert.deepEqual([bare("play"), bare("record"), bare("")], ["played", "recorded", "none"]);
+  assert.equal(wordsOf("played", null, NaN).word, "The device moves you");
+  assert.equal(wordsOf("recorded", null, NaN).word, "You may move");
+  assert.equal(bare("play", { ended: true, finished: true }), "finished");
+  assert.equal(bare("play", { ended: true }), "stopped");
+  assert.equal(bare("play", { heard: false }), "lost");
+  for (const state of ["played", "recorded"]) assert.deepEqual([lookOf(state, null).trail, lookOf(state, null).moving], [true, true]);
+});
+
+test("A skipped repetition is skipped and not stopped, with neither a sound nor a colour of Stop", () => {
+  const words = wordsOf("skipped", message("skipped"), NaN, "confirmed");
+  assert.deepEqual([words.word, words.tone], ["Skipped", "plain"]);
+  assert.equal(soundOf("skipped"), null);
+  assert.equal(screenState(situation({ ended: true, training: message("skipped") })), "finished");
+});
+
+test("A programme pauses after its repetition, any other session at once", () => {
+  const paused = { paused: true, ended: false };
+  assert.equal(pauseState(null, false, undefined), "");
+  assert.equal(pauseState({ paused: false, ended: false }, true, "moving"), "");
+  assert.equal(pauseState({ paused: true, ended: true }, false, "moving"), "");
+  for (const state of ["approach", "go", "moving"]) {
+    assert.equal(pauseState(paused, true, state), "pausing");
+    assert.equal(pauseState(paused, false, state), "paused");
+  }
+  assert.equal(pauseState(paused, true, "waiting"), "paused");
+  assert.equal(pauseState(paused, false, undefined), "paused");
+  assert.equal(wordsOf("paused", null, NaN).word, "Paused");
+  assert.deepEqual(["stopped", "finished", "done", "lost", "question"].filter(canPause), []);
 });
 
 test("The camera is held in every state, and the programme's switches hide what they name", () => {

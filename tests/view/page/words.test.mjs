@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, controlLine, controlText, stepped, exerciseState, trendWords, lagWord } = await load("format", "keys", "therapist");
+const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, strengthLine, pauseWords, controlLine, controlText, stepped, exerciseState, trendWords, lagWord } = await load("format", "keys", "therapist");
 
 test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-1.25, 1), "−1.3");
@@ -64,6 +64,31 @@ test("the buttons of a control move it by one step and not beyond its limits", (
   assert.equal(stepped(c, 0.01, 1), 0.01);
   assert.equal(stepped(c, 0.0031, -1), 0.003);
   assert.ok(stepped({ least: 0, largest: 10, step: 0 }, 5, 1) > 5);
+});
+
+test("the buttons of a control with a ratio change it by a share of its present value, as the keys of the terminal", () => {
+  const c = { least: 0, largest: 5560, step: 55.6, ratio: 1.1 };
+  assert.equal(stepped(c, 556, 1).toFixed(4), "611.6000");
+  assert.equal(stepped(c, 611.6, -1).toFixed(4), "556.0000");
+  assert.equal(stepped(c, 5500, 1), 5560);
+  assert.equal(stepped(c, 0, 1), 55.6, "a factor would leave 0 at 0");
+});
+
+test("the keys + and - send what the session has, or nothing", () => {
+  const list = (...names) => names.map((name) => ({ name }));
+  assert.equal(strengthLine(list("kp", "kd", "observer"), 1), "gains * 1.1");
+  assert.equal(strengthLine(list("gains"), -1), "gains / 1.1");
+  assert.equal(strengthLine(list("radius", "stiffness"), 1), "stiffness * 1.1");
+  assert.equal(strengthLine(list("radius", "stiffness"), -1), "stiffness / 1.1");
+  assert.equal(strengthLine(list("assist"), 1), "");
+  assert.equal(strengthLine([], -1), "");
+});
+
+test("only a programme whose repetition runs pauses after the repetition, and only a recording resumes with one press", () => {
+  for (const verb of ["play", "guide", "record"]) assert.doesNotMatch(pauseWords(verb, true).pause + pauseWords(verb, true).paused, /repetition/);
+  assert.equal(pauseWords("run", true).pause, "Pause after this repetition");
+  assert.doesNotMatch(pauseWords("run", false).pause, /repetition/);
+  assert.deepEqual(["play", "guide", "run", "record"].filter((verb) => pauseWords(verb, true).then === ""), ["record"]);
 });
 
 test("a control's command is a name and a number in SI", () => {

@@ -22,13 +22,19 @@ const RECONNECT_FIRST = 0.25; // [s]
 const RECONNECT_MOST = 5; // [s]
 const REQUEST_TIMEOUT = 10; // [s]
 
-// Takes the token out of the address and keeps it in the tab, so that a reload works and no history has it. "&test" after
-// the token asks for the test hook.
+// Reads "#TOKEN", or "#TOKEN&test", which asks for the test hook too. A token has 16 to 128 letters and digits, which is the
+// rule of the server. Returns null for others.
+export function readToken(hash: string): { token: string; test: boolean } | null {
+  const found = /^#([0-9a-zA-Z]{16,128})(&test)?$/.exec(hash);
+  return found === null ? null : { token: found[1]!, test: found[2] !== undefined };
+}
+
+// Takes the token out of the address and keeps it in the tab, so that a reload works and no history has it.
 export function takeToken(): { token: string; test: boolean } {
-  const found = /^#([0-9a-f]{32})(&test)?$/i.exec(location.hash);
+  const found = readToken(location.hash);
   if (found !== null) {
-    sessionStorage.setItem(TOKEN_KEY, found[1]!);
-    sessionStorage.setItem(TEST_KEY, found[2] !== undefined ? "on" : "off");
+    sessionStorage.setItem(TOKEN_KEY, found.token);
+    sessionStorage.setItem(TEST_KEY, found.test ? "on" : "off");
     history.replaceState(null, "", location.pathname);
   }
   return { token: sessionStorage.getItem(TOKEN_KEY) ?? "", test: sessionStorage.getItem(TEST_KEY) === "on" };

@@ -186,21 +186,45 @@ export function sessionFacts(model: Model): [string, string][] {
   return out;
 }
 
-// Asks for the text of a mark. Returns null if the person cancels. Playback goes on.
-export function askText(title: string, label: string): Promise<string | null> {
+// Returns the length of a text in UTF-8 [bytes].
+export function bytesOf(text: string): number {
+  return new TextEncoder().encode(text).length;
+}
+
+// Returns what is to be said of the length of a text that may have `most` bytes; "" while there is room.
+export function lengthWords(text: string, most: number): string {
+  const left = most - bytesOf(text.trim());
+  if (left < 0) return `The text is too long by ${-left} ${left === -1 ? "byte" : "bytes"}. Shorten it: at most ${most} bytes are kept.`;
+  return left <= 20 ? `${left} ${left === 1 ? "byte" : "bytes"} left` : "";
+}
+
+// Asks for the text of a mark, of at most `most` bytes. `text` and the `reason` are of an attempt before. Returns null if
+// the person cancels. Playback goes on.
+export function askText(title: string, label: string, most: number, text = "", reason = ""): Promise<string | null> {
   return new Promise((resolve) => {
-    const field = el("input", { type: "text", class: "text-field", maxlength: 200, id: "mark-text" });
-    let text: string | null = null;
+    const field = el("input", { type: "text", class: "text-field", id: "mark-text", "aria-describedby": "mark-length" });
+    field.value = text;
+    let answer: string | null = null;
     const form = el("form", { method: "dialog" });
     const save = el("button", { type: "submit", class: "button" }, "Save");
-    form.append(el("label", { for: "mark-text" }, label), field, el("div", { class: "dialog-foot" }, save));
+    const length = el("span", { id: "mark-length", class: "text-length", role: "status" });
+    const why = el("p", { class: "message problem" }, reason);
+    why.hidden = reason === "";
+    const show = (): void => {
+      setText(length, lengthWords(field.value, most));
+      save.disabled = bytesOf(field.value.trim()) > most;
+    };
+    field.addEventListener("input", show);
+    form.append(why, el("label", { for: "mark-text" }, label), field, el("div", { class: "dialog-foot" }, length, save));
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      text = field.value.trim();
+      if (save.disabled) return;
+      answer = field.value.trim();
       dialog.close();
     });
     const dialog = open(title, true, form);
-    dialog.addEventListener("close", () => resolve(text));
+    dialog.addEventListener("close", () => resolve(answer));
+    show();
     field.focus();
   });
 }

@@ -74,7 +74,7 @@ export function setIcon(button: HTMLElement, name: Icon): void {
 }
 
 // Makes a button. `label` is its accessible name and tip; `text` is what it shows beside the icon, if anything.
-export function button(label: string, options: { icon?: Icon; text?: string; class?: string }, action: () => void): HTMLButtonElement {
+export function button(label: string, options: { icon?: Icon; text?: string | undefined; class?: string }, action: () => void): HTMLButtonElement {
   const node = el("button", { type: "button", class: options.class ?? "button", "aria-label": options.text === label ? undefined : label, title: label });
   if (options.icon !== undefined) setIcon(node, options.icon);
   if (options.text !== undefined) node.append(el("span", {}, options.text));

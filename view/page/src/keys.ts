@@ -1,5 +1,6 @@
 // The keys, as in other players. One table makes both the handling and the help.
 import type { Model } from "./model";
+import type { Control } from "./protocol";
 import { SPEEDS } from "./model";
 import { flagsOf } from "./timeline";
 
@@ -13,6 +14,8 @@ export interface Actions {
   theme(): void;
   help(): void;
   command(line: string): void;
+  // Says that a key has nothing to change.
+  say(text: string): void;
   readonly control: boolean;
 }
 
@@ -43,10 +46,17 @@ export const KEY_TABLE: readonly (readonly [string[], string])[] = [
   [["F"], "full screen"],
   [["T"], "light or dark"],
   [["H"], "keyboard as hand, where the session lets a page steer"],
-  [["+", "-", "R"], "with --control: gains up, gains down, gains as at the start"],
+  [["+", "-", "R"], "with --control: gains up, down, as at the start; in guide and run the stiffness of the walls"],
   [["Esc"], "stop a live session"],
   [["?"], "this table"],
 ];
+
+// Returns the command of + (1) and - (-1); "" if the session has nothing that they change.
+export function strengthLine(list: readonly Pick<Control, "name">[], direction: 1 | -1): string {
+  const has = (name: string): boolean => list.some((c) => c.name === name);
+  const name = has("kp") || has("kd") || has("gains") ? "gains" : has("stiffness") ? "stiffness" : "";
+  return name === "" ? "" : `${name} ${direction > 0 ? "*" : "/"} 1.1`;
+}
 
 // Returns the next speed up (1) or down (-1).
 export function nextSpeed(speed: number, direction: 1 | -1): number {
@@ -93,9 +103,17 @@ export function listenToKeys(model: Model, actions: Actions): () => void {
     event.preventDefault();
   };
 
+  const strength = (direction: 1 | -1): void => {
+    const line = strengthLine(model.controls?.list ?? [], direction);
+    if (line === "") actions.say("There is no gain and no stiffness to change now.");
+    else actions.command(line);
+  };
+
   const obey = (event: KeyboardEvent): boolean => {
     const key = event.key;
     const alt = event.altKey;
+    // The trainee's picture shows the present movement, always: no key freezes it or seeks.
+    if (model.hello?.role === "trainee" && !/^[ft]$/i.test(key)) return false;
     switch (key) {
       case " ":
         // A button reached by Tab is pressed by Space.
@@ -183,13 +201,14 @@ export function listenToKeys(model: Model, actions: Actions): () => void {
         return true;
       case "+":
       case "=":
-        if (actions.control) actions.command("gains * 1.1");
+        if (actions.control) strength(1);
         return actions.control;
       case "-":
-        if (actions.control) actions.command("gains / 1.1");
+        if (actions.control) strength(-1);
         return actions.control;
       case "r":
-        if (actions.control) actions.command("reset");
+        if (actions.control && (model.controls?.list.length ?? 0) > 0) actions.command("reset");
+        else if (actions.control) actions.say("There is no value to reset now.");
         return actions.control;
       default:
         return false;

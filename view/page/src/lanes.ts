@@ -610,7 +610,8 @@ export class Lanes {
     const m = this.model;
     const moving = m.playing || m.following;
     if (moving && now < this.valuesDue) return;
-    const key = `${m.shown} ${m.shownRowTime} ${m.stepped}`;
+    // At the end of a session the force of the last row is replaced by what is known of the present one.
+    const key = `${m.shown} ${m.shownRowTime} ${m.stepped} ${m.atEnd} ${m.status?.zero_force}`;
     if (key !== this.valuesKey) {
       this.valuesKey = key;
       this.valuesDue = now + VALUES_EVERY;

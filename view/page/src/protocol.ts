@@ -131,8 +131,13 @@ export interface Control {
   least: number;
   largest: number;
   because: string;
-  kind: "number" | "switch";
+  // A factor changes by "NAME * F" and "NAME / F" only.
+  kind: "number" | "switch" | "factor";
   step: number;
+  // By which a button multiplies or divides the value; 0: it adds `step`.
+  ratio: number;
+  // Present values of a factor.
+  text: string;
 }
 
 export interface ControlsMessage {
@@ -199,7 +204,7 @@ export interface SceneMessage {
   objects: SceneObject[];
 }
 
-export type TrainingState = "waiting" | "approach" | "go" | "moving" | "done" | "rest" | "question" | "stopped" | "finished";
+export type TrainingState = "waiting" | "approach" | "go" | "moving" | "done" | "rest" | "question" | "skipped" | "stopped" | "finished";
 
 export interface Show {
   tool: boolean;

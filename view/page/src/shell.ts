@@ -16,6 +16,7 @@ import { createSteering, type Steering } from "./steer";
 import { Controls, createProgramme, Trend } from "./therapist";
 import { Timeline } from "./timeline";
 import { createTrainee, type Trainee } from "./trainee";
+import { pauseState } from "./training";
 
 const THEME_KEY = "haptrace-theme";
 const COLOURS: { mode: ColourMode; text: string }[] = [
@@ -32,6 +33,9 @@ const SOFTWARE = "Drawn without a graphics processor: at most 30 frames a second
 const FLAT = "This computer draws slowly, so the scene is drawn flat. Load the page again to try the full picture.";
 const THINNED = "The session no longer keeps the samples of this moment. The charts show their least and largest values.";
 const STATUS_STALE = 1500; // [ms]
+// Texts of marks: as the session keeps them, and in this browser [bytes].
+const LONGEST_NOTE = 120;
+const LONGEST_OWN_MARK = 200;
 
 export class Shell {
   readonly model: Model;
@@ -101,6 +105,7 @@ export class Shell {
       theme: () => this.toggleTheme(),
       help: () => toggleHelp(model.hello?.live === true),
       command: (line) => void this.command(line),
+      say: (text) => this.note(text),
       get control() {
         return model.hello?.control === true && model.hello.role === "therapist";
       },
@@ -200,8 +205,8 @@ export class Shell {
     this.app.replaceChildren(screen);
     if (has) {
       const programme = el("nav", { class: "programme", "aria-label": "Programme" });
-      createProgramme(programme, m);
       main.append(programme);
+      createProgramme(programme, m);
     }
     main.append(centre);
     this.buildScene(panel, false);
@@ -287,12 +292,14 @@ export class Shell {
       const s = m.status;
       if (live) {
         const old = !m.connected || now - m.statusAt > STATUS_STALE;
-        setText(liveWord, s?.ended === true ? "Ended" : old ? "No news" : s?.paused === true || m.programme?.paused === true ? "Paused" : m.following ? "Live" : m.playing ? "Replay" : "Frozen");
+        const pause = pauseState(s, m.programme !== null, m.training?.state);
+        setText(liveWord, m.over ? "Ended" : old ? "No news" : pause === "paused" ? "Paused" : pause === "pausing" ? "Pauses soon" : m.following ? "Live" : m.playing ? "Replay" : "Frozen");
       }
       const name = live && m.following && s !== null ? s.phase : m.phaseAt(m.shown);
       const rep = m.repetitionAt(m.shown);
       const words = phaseWord(name) + (rep !== null && !(live && narrow.matches) ? ` · rep ${rep.number}` : "");
-      setHidden(phase, name === "");
+      // The last phase is no present phase after the end.
+      setHidden(phase, name === "" || m.atEnd);
       setText(phaseWordNode, words);
       setClass(phase, "go", name === "run");
       const wanted: Icon | "" = name === "run" ? "square" : name === "stopped" ? "stop" : name === "hold" ? "pause" : "dot";
@@ -466,13 +473,23 @@ export class Shell {
     const m = this.model;
     const time = m.shown;
     const writes = m.live && m.hello?.control === true && m.hello.role === "therapist";
-    const text = withText ? await askText(writes ? "Mark with a text" : "Mark with a text, in this page", "Text") : "";
-    if (text === null) return;
-    if (writes) {
+    const title = writes ? "Mark with a text" : "Mark with a text, in this page";
+    let text = "";
+    let reason = "";
+    for (;;) {
+      if (withText) {
+        const asked = await askText(title, "Text", writes ? LONGEST_NOTE : LONGEST_OWN_MARK, text, reason);
+        if (asked === null) return;
+        text = asked;
+      }
+      if (!writes) break;
       const answer = await this.client.command(text === "" ? "mark" : `${m.controls?.actions.includes("note") ? "note" : "mark"} ${text}`);
+      const failed = answer.startsWith("error");
       if (this.controls !== null) this.controls.say(answer, "Marked");
-      else this.passing(answer.startsWith("error") ? answer : "Marked");
-      return;
+      else this.passing(failed ? answer : "Marked");
+      // A text that was not taken is not lost: it is asked for again.
+      if (!failed || text === "") return;
+      reason = answer.replace(/^error:?\s*/, "Not done: ");
     }
     m.addOwnMark(time, text);
     this.saveMarks();
@@ -512,6 +529,11 @@ export class Shell {
     const answer = await this.client.command(line);
     if (this.controls !== null) this.controls.say(answer, answer.replace(/^ok\s*/, ""));
     else this.passing(answer);
+  }
+
+  private note(text: string): void {
+    if (this.controls !== null) this.controls.say("", text);
+    else this.passing(text);
   }
 
   private setColour(index: number): void {

@@ -16,7 +16,17 @@ export function exerciseState(exercise: Exercise, current: boolean): "current" |
   return exercise.done > 0 ? "done" : "skipped";
 }
 
+// Scrolls `box`, and nothing around it, until `item` is in it.
+function keepWithin(box: HTMLElement, item: Element): void {
+  const a = box.getBoundingClientRect();
+  const b = item.getBoundingClientRect();
+  if (box.scrollHeight > box.clientHeight) box.scrollTop += Math.min(0, b.top - a.top) || Math.max(0, b.bottom - a.bottom);
+  if (box.scrollWidth > box.clientWidth) box.scrollLeft += Math.min(0, b.left - a.left) || Math.max(0, b.right - a.right);
+}
+
 export function createProgramme(host: HTMLElement, model: Model): void {
+  let shown = NaN;
+  let shownIn = NaN;
   const list = el("ol", { class: "exercises" });
   const title = el("h2", {}, "Programme");
   host.append(title, list);
@@ -34,7 +44,12 @@ export function createProgramme(host: HTMLElement, model: Model): void {
         return item;
       }),
     );
-    list.querySelector(".current")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    // Only what moves within the programme: the page itself stays where the person has scrolled it.
+    const current = list.querySelector(".current");
+    if (current === null || (shown === p.current && shownIn === p.exercises.length)) return;
+    shown = p.current;
+    shownIn = p.exercises.length;
+    for (const box of [host, list]) keepWithin(box, current);
   };
   model.on("programme", show);
   show();
@@ -210,7 +225,10 @@ export function controlLine(name: string, value: number): string {
 }
 
 // Returns `value` moved by one step, at a multiple of the step if it was near one, within the range.
-export function stepped(control: Pick<Control, "least" | "largest" | "step">, value: number, direction: 1 | -1): number {
+// Controls with a ratio are multiplied or divided by it.
+export function stepped(control: Pick<Control, "least" | "largest" | "step"> & { ratio?: number }, value: number, direction: 1 | -1): number {
+  const ratio = control.ratio ?? 0;
+  if (ratio > 1 && value > 0) return Math.min(control.largest, Math.max(control.least, direction > 0 ? value * ratio : value / ratio));
   const step = control.step > 0 ? control.step : (control.largest - control.least) / 20;
   const moved = value + direction * step;
   const snapped = Math.round(moved / step) * step;
@@ -223,9 +241,10 @@ interface Row {
   update(control: Control): void;
 }
 
-const ACTIONS: { name: string; text: string; icon: Icon }[] = [
-  { name: "repeat", text: "Repeat", icon: "repeat" },
-  { name: "skip", text: "Skip", icon: "skip" },
+// `long` stands in place of `text` where there is room.
+const ACTIONS: { name: string; text: string; icon: Icon; long?: string; about?: string }[] = [
+  { name: "repeat", text: "Repeat", icon: "repeat", about: "Repeat: once more after this repetition" },
+  { name: "skip", text: "Skip", icon: "skip", long: "Skip: end it now", about: "Skip: end it now, this repetition" },
   { name: "mark", text: "Mark", icon: "mark" },
   { name: "note", text: "Note", icon: "note" },
   { name: "first", text: "First was farther", icon: "tick" },
@@ -233,7 +252,31 @@ const ACTIONS: { name: string; text: string; icon: Icon }[] = [
 ];
 
 // Words that follow a press.
-const DONE: Record<string, string> = { first: "Answer: first", second: "Answer: second" };
+const DONE: Record<string, string> = {
+  repeat: "Once more after this repetition",
+  skip: "This repetition ends now",
+  first: "Answer: first",
+  second: "Answer: second",
+};
+
+export interface PauseWords {
+  pause: string;
+  paused: string;
+  resume: string;
+  // What happens at once after a resume, which therefore takes two presses; "" if nothing moves.
+  then: string;
+  resumed: string;
+}
+
+// Returns the words of pause and resume. Only a programme, whose repetition runs, waits for its end.
+export function pauseWords(verb: string, runs: boolean): PauseWords {
+  const words: PauseWords = { pause: "Pause the session", paused: "The session is paused", resume: "Resume the session", then: "the device will move", resumed: "The session resumes" };
+  if (verb === "run" && runs) return { ...words, pause: "Pause after this repetition", paused: "The session pauses after this repetition" };
+  if (verb === "play") return { ...words, paused: "Paused: the reference stands still" };
+  if (verb === "guide") return { ...words, paused: "Paused: the force fades to zero", then: "the force returns" };
+  if (verb === "record") return { pause: "Pause the recording", paused: "Paused: no samples are recorded", resume: "Resume the recording", then: "", resumed: "The recording resumes" };
+  return words;
+}
 
 const ARMED_FOR = 5000; // [ms]
 
@@ -262,15 +305,16 @@ export class Controls {
   constructor(host: HTMLElement, model: Model, client: Client, page: ControlsHost) {
     this.model = model;
     this.client = client;
-    this.pause = button("Pause after this repetition", { icon: "pause", class: "button first" }, () => this.pauseOrResume());
+    this.pause = button("Pause", { icon: "pause", class: "button first" }, () => this.pauseOrResume());
     this.pause.append(this.pauseLong, this.pauseShort);
     const grid = el("div", { class: "actions", role: "group", "aria-label": "Session" }, this.pause);
     for (const a of ACTIONS) {
-      const b = button(a.text, { icon: a.icon, text: a.text }, () => {
+      const b = button(a.about ?? a.text, { icon: a.icon, text: a.long === undefined ? a.text : undefined }, () => {
         if (a.name === "mark") page.mark(false);
         else if (a.name === "note") page.mark(true);
-        else void this.send(a.name, DONE[a.name] ?? `${a.text} after this repetition`);
+        else void this.send(a.name, DONE[a.name]);
       });
+      if (a.long !== undefined) b.append(el("span", { class: "long" }, a.long), el("span", { class: "short", "aria-hidden": "true" }, a.text));
       this.actions.set(a.name, b);
       grid.append(b);
     }
@@ -306,26 +350,33 @@ export class Controls {
     this.answerTimer = window.setTimeout(() => setHidden(this.answer, true), error || clamped ? 10000 : 4000);
   }
 
+  // From the pause to the resume, whether or not a programme waits for the end of its repetition.
   private get paused(): boolean {
-    return this.model.programme?.paused === true || this.model.status?.paused === true;
+    return this.model.controls?.actions.includes("resume") ?? this.model.status?.paused === true;
+  }
+
+  private get words(): PauseWords {
+    const { controls, recording } = this.model;
+    return pauseWords(recording?.verb ?? "", controls?.actions.includes("skip") === true);
   }
 
   private can(action: string): boolean {
     return this.model.connected && this.model.status?.ended !== true && (this.model.controls?.actions.includes(action) ?? false);
   }
 
-  // Pausing takes one press; going on takes two: the device will move.
+  // Pausing takes one press; going on takes two where the device will move.
   private pauseOrResume(): void {
+    const words = this.words;
     if (!this.paused) {
-      void this.send("pause", "The session pauses after this repetition");
+      void this.send("pause", words.paused);
       return;
     }
-    if (performance.now() - this.armed < ARMED_FOR) {
+    if (words.then === "" || performance.now() - this.armed < ARMED_FOR) {
       this.armed = -Infinity;
-      void this.send("resume", "The session resumes");
+      void this.send("resume", words.resumed);
     } else {
       this.armed = performance.now();
-      this.say("", "Press Resume again: the device will move");
+      this.say("", `Press Resume again: ${words.then}`);
       window.setTimeout(() => this.showActions(), ARMED_FOR + 50);
     }
     this.showActions();
@@ -334,7 +385,8 @@ export class Controls {
   private showActions(): void {
     const paused = this.paused;
     const armed = paused && performance.now() - this.armed < ARMED_FOR;
-    const text = armed ? "Resume: press again, the device will move" : paused ? "Resume the session" : "Pause after this repetition";
+    const words = this.words;
+    const text = armed ? `Resume: press again, ${words.then}` : paused ? words.resume : words.pause;
     setText(this.pauseLong, text);
     setText(this.pauseShort, paused ? "Resume" : "Pause");
     setAttribute(this.pause, "aria-label", text);
@@ -361,7 +413,7 @@ export class Controls {
     const names = list.map((c) => `${c.name} ${c.kind}`);
     if (names.join() !== [...this.rows.keys()].join()) {
       this.rows.clear();
-      for (const c of list) this.rows.set(`${c.name} ${c.kind}`, c.kind === "switch" ? this.switchRow(c) : this.numberRow(c));
+      for (const c of list) this.rows.set(`${c.name} ${c.kind}`, c.kind === "switch" ? this.switchRow(c) : c.kind === "factor" ? this.factorRow(c) : this.numberRow(c));
       this.list.replaceChildren(...[...this.rows.values()].map((r) => r.root));
     }
     for (const c of list) this.rows.get(`${c.name} ${c.kind}`)?.update(c);
@@ -408,13 +460,20 @@ export class Controls {
     slider.addEventListener("pointerdown", () => (held = true));
     for (const end of ["pointerup", "pointercancel", "blur"]) slider.addEventListener(end, () => (held = false));
     slider.addEventListener("input", () => say(Number(slider.value)));
-    slider.addEventListener("change", () => void this.set(control, Number(slider.value)));
+    // A slider whose control is multiplied has no steps of its own.
+    slider.addEventListener("change", () => void this.set(control, control.ratio > 1 ? Number(Number(slider.value).toPrecision(3)) : Number(slider.value)));
+    slider.addEventListener("keydown", (event) => {
+      const direction = /^Arrow(Right|Up)$/.test(event.key) ? 1 : /^Arrow(Left|Down)$/.test(event.key) ? -1 : 0;
+      if (direction === 0 || !(control.ratio > 1)) return;
+      event.preventDefault();
+      void this.set(control, stepped(control, control.value, direction));
+    });
     returnFocus(slider);
     const update = (c: Control): void => {
       control = c;
       slider.min = String(c.least);
       slider.max = String(c.largest);
-      slider.step = String(c.step > 0 ? c.step : "any");
+      slider.step = String(c.step > 0 && !(c.ratio > 1) ? c.step : "any");
       setText(least, controlText(c, c.least));
       setText(largest, limitText(c));
       less.disabled = c.value <= c.least;
@@ -424,6 +483,23 @@ export class Controls {
       say(c.value);
     };
     return { root, update };
+  }
+
+  // A quantity that no single number sets: its values, the reason, and buttons that multiply or divide it.
+  private factorRow(first: Control): Row {
+    const { name, label, ratio } = first;
+    const value = el("span", {});
+    const reason = el("span", {});
+    const less = button(`Less: ${label}`, { text: "−" }, () => void this.send(`${name} / ${ratio}`));
+    const more = button(`More: ${label}`, { text: "+" }, () => void this.send(`${name} * ${ratio}`));
+    const root = el("div", { class: "control", role: "group", "aria-label": label }, el("div", { class: "control-head" }, el("span", {}, label)), less, value, more, el("div", { class: "control-range" }, reason));
+    return {
+      root,
+      update: (c) => {
+        setText(value, c.text);
+        setText(reason, `No single number sets them: ${c.because}. − and + change all of them by ${decimals((ratio - 1) * 100, 0)} %.`);
+      },
+    };
   }
 
   private switchRow(first: Control): Row {

@@ -7,7 +7,7 @@ import type { Model } from "./model";
 import type { SceneView } from "./scene/scene";
 import { createSection, type Section } from "./section";
 import { Sounds } from "./sounds";
-import { hasScore, lookOf, screenState, soundOf, wordsOf, type ScreenState, type Words } from "./training";
+import { canPause, hasScore, lookOf, pauseState, screenState, soundOf, wordsOf, type ScreenState, type Words } from "./training";
 
 // Without a word of the server for this long, the connection counts as lost [ms]: its status comes each 250 ms.
 const SILENCE = 1500;
@@ -116,16 +116,19 @@ class TraineeScreen implements Trainee {
     this.frame++;
     if (this.model.connected) this.hadConnection = true;
     const training = this.model.training;
+    const status = this.model.status;
     const state = screenState({
       training,
       heard: this.model.connected && (!Number.isFinite(this.model.statusAt) || now - this.model.statusAt < SILENCE),
       hadConnection: this.hadConnection,
-      ended: this.model.status?.ended === true,
+      ended: status?.ended === true,
+      finished: status?.reason === "finished",
+      verb: status === null ? "" : (this.model.recording?.verb ?? ""),
     });
     const entered = state !== this.state;
     this.state = state;
     const rest = (this.restEnds - now) / 1000;
-    const words = wordsOf(this.readState(state, rest, now), training, rest, this.model.status?.zero_force ?? "");
+    const words = wordsOf(this.readState(state, rest, now), training, rest, status?.zero_force ?? "");
     this.say(words, state);
     this.head();
     setStopIdle(this.stop, this.stopWord, this.model.over);
@@ -151,9 +154,10 @@ class TraineeScreen implements Trainee {
     if (!this.disc.hidden) this.section.draw(now);
   }
 
-  // State whose words are shown: a score that came just now is read before the rest.
+  // State whose words are shown: a score that came just now is read before the rest, and a pause has words of its own.
   private readState(state: ScreenState, rest: number, now: number): ScreenState {
     const training = this.model.training;
+    if (canPause(state) && pauseState(this.model.status, this.model.programme !== null, training?.state) === "paused") return "paused";
     if ((state !== "done" && state !== "rest") || training === null || !hasScore(training)) return state;
     if (training.trial !== this.scoreTrial) {
       this.scoreTrial = training.trial;
@@ -210,7 +214,7 @@ class TraineeScreen implements Trainee {
       }),
     );
     // The invitation stands beside what the person does first, and never takes the place of a word.
-    this.start.hidden = this.started || (state !== "none" && state !== "waiting");
+    this.start.hidden = this.started || !["none", "waiting", "played", "recorded"].includes(state);
   }
 
   private head(): void {
@@ -220,7 +224,7 @@ class TraineeScreen implements Trainee {
     this.headKey = key;
     setText(this.exercise, t?.exercise ?? "");
     const many = t?.repetitions ?? 0;
-    const done = t?.state === "done" || t?.state === "rest" || t?.state === "finished";
+    const done = t?.state === "done" || t?.state === "rest" || t?.state === "skipped" || t?.state === "finished";
     setText(this.count, t !== null && many > 1 ? `${t.repetition} of ${many}` : "");
     const dots = t === null || many < 2 || many > MOST_DOTS ? 0 : many;
     this.dots.replaceChildren(

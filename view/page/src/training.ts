@@ -1,10 +1,11 @@
 // Chooses the words and the picture of the training screen in each state. Pure: no page, no clock of its own.
-import type { Score, Show, TrainingMessage, TrainingState } from "./protocol";
+import type { Score, Show, StatusMessage, TrainingMessage, TrainingState } from "./protocol";
 import type { TrainingLook } from "./scene/scene";
 import type { SoundName } from "./sounds";
 
-// States of the screen: those of the session, and two of the page itself.
-export type ScreenState = TrainingState | "lost" | "none";
+// States of the screen: those of the session, and some of the page itself. Sessions without an exercise are "played" or
+// "recorded"; "paused" has words only.
+export type ScreenState = TrainingState | "lost" | "none" | "played" | "recorded" | "paused";
 
 export interface Figure {
   value: string;
@@ -33,13 +34,28 @@ export interface Situation {
   hadConnection: boolean;
   // The session is over.
   ended: boolean;
+  // It came to its end by itself.
+  finished: boolean;
+  // Verb of a session that runs; "" before.
+  verb: string;
+}
+
+// Returns whether a session is paused. A programme comes to the end of its repetition first, and is "pausing" until then.
+export function pauseState(status: Pick<StatusMessage, "paused" | "ended"> | null, programme: boolean, state: TrainingState | undefined): "" | "pausing" | "paused" {
+  if (status === null || !status.paused || status.ended) return "";
+  return programme && (state === "approach" || state === "go" || state === "moving") ? "pausing" : "paused";
+}
+
+// Returns true for the states in which a pause has words of its own.
+export function canPause(state: ScreenState): boolean {
+  return state === "none" || state === "waiting" || state === "approach" || state === "go" || state === "moving" || state === "played" || state === "recorded";
 }
 
 export function screenState(s: Situation): ScreenState {
-  const state = s.training?.state ?? "none";
+  const state = s.training?.state ?? (s.verb === "play" ? "played" : s.verb === "record" ? "recorded" : "none");
   // A final state stays on the screen: the server goes away after it.
   if (state === "finished" || state === "stopped") return state;
-  if (s.ended) return state === "done" || state === "rest" ? "finished" : "stopped";
+  if (s.ended) return state === "done" || state === "rest" || state === "skipped" || (s.training === null && s.finished) ? "finished" : "stopped";
   if (!s.heard && s.hadConnection) return "lost";
   return state;
 }
@@ -51,6 +67,22 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
   switch (state) {
     case "none":
       words.word = "Please wait";
+      break;
+    case "played":
+      words.word = "The device moves you";
+      words.sentence = "Let your hand follow";
+      break;
+    case "recorded":
+      words.word = "You may move";
+      words.sentence = "The device follows your hand";
+      break;
+    case "paused":
+      words.word = "Paused";
+      words.sentence = "Please wait";
+      break;
+    case "skipped":
+      words.word = "Skipped";
+      words.sentence = "Please wait";
       break;
     case "waiting":
       words.word = "Hold the handle";
@@ -128,6 +160,7 @@ function figuresOf(show: Show | undefined, score: Score | null): Figure[] {
 export function lookOf(state: ScreenState, show: Show | null): TrainingLook {
   const shows: Show = show ?? { tool: true, path: true, tunnel: true, trail: true, score: false };
   const after = state === "done" || state === "rest" || state === "finished";
+  const moving = state === "moving" || state === "played" || state === "recorded";
   const before = state === "waiting" || state === "approach" || state === "go";
   return {
     tool: shows.tool,
@@ -136,11 +169,11 @@ export function lookOf(state: ScreenState, show: Show | null): TrainingLook {
     trail: shows.trail && !after,
     // The movement over the path tells more than the trail did: without a trail it stays hidden.
     movement: after && shows.trail && shows.path,
-    done: state === "moving" && shows.path && shows.tool,
+    done: moving && shows.path && shows.tool,
     start: before ? (state as "waiting" | "approach" | "go") : null,
-    goal: before || state === "moving",
+    goal: before || moving,
     hold: true,
-    moving: state === "go" || state === "moving",
+    moving: state === "go" || moving,
   };
 }
 
