@@ -53,22 +53,20 @@ Vec3 Friction::pull(const Press& press, const Vec3& normal, double load, Surface
   // The first step of a contact came from outside: it stretches nothing.
   Vec3 step = first ? Vec3(Vec3::Zero()) : Vec3(press.step.to - press.step.from);
   if (!is_finite(step)) step.setZero();
-  Vec3 stretched = memory.bristle + step;
-  stretched -= stretched.dot(normal) * normal;
-  Vec3 pulled = spec_.bristle * stretched;
-  Vec3 damped = Vec3::Zero();
-  if (spec_.damping > 0 && press.dt > 0) damped = spec_.damping / press.dt * (step - step.dot(normal) * normal);
-  pulled += damped;
+  step -= step.dot(normal) * normal;
+  const Vec3 held = memory.bristle - memory.bristle.dot(normal) * normal;
+  const double damper = spec_.damping > 0 && press.dt > 0 ? spec_.damping / press.dt : 0;  // [N/m]
+  Vec3 stretched = held + step;
+  Vec3 pulled = spec_.bristle * stretched + damper * step;
   const double trial = pulled.norm();
   const double variation = spec_.periodic || spec_.sandpaper ? this->variation(press.proxy.position) : 1;
   const double limit = (memory.slides ? spec_.dynamic : spec_.fixed) * variation * load;
   if (trial > limit) {
     memory.slides = true;
     pulled *= spec_.dynamic * variation * load / trial;
-    // The bristle keeps what its damper does not carry, and no more than it had.
-    const Vec3 left = (pulled - damped) / spec_.bristle;
-    const double most = stretched.norm(), size = left.norm();
-    stretched = size > most ? Vec3(most / size * left) : left;
+    // The bristle z and its damper carry the force together, K z + B (z - held) / dt = pulled. So the rest of the
+    // step, which slid, lies along the force and takes energy.
+    stretched = (pulled + damper * held) / (spec_.bristle + damper);
   } else {
     memory.slides = false;
   }

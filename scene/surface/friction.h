@@ -36,9 +36,10 @@ struct FrictionSpec {
 };
 
 /// Friction of Coulomb in series with a damped elastic bristle (Kikuuwe, Takesue, Sano, Mochiyama and Fujimoto 2006),
-/// by one implicit step a tick. The bristle is stretched by the tool's tangential movement. Where the surface turns,
-/// the bristle is projected onto it. The energy in the bristle, K z^2 / 2, is therefore never more than what the
-/// movement put in, on any shape, and sliding only takes energy.
+/// by one implicit step a tick. The bristle z is stretched by the tool's tangential movement, and carries
+/// K z + B dz/dt. Where the surface turns, the bristle is projected onto it. Its energy, K z^2 / 2, is therefore never
+/// more than the work that the movement put in, on any shape: its damper takes energy, and sliding does. The work of a
+/// tick is that of its force along the step that ends there.
 ///
 /// Real-time: pull.
 class Friction {

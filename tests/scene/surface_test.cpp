@@ -1,10 +1,13 @@
 // The feel of a contact: stiffness laws, friction, adhesion, shading.
+#include "scene/shape/plane.h"
 #include "scene/surface/detailed.h"
+#include "scene/surface/friction.h"
 #include "tests/scene/alone.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 
 #include <cmath>
+#include <cstdint>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -90,10 +93,10 @@ struct StickSlip {
   static constexpr double kStatic = 0.5, kDynamic = 0.3;                          // Fs = 1 N, Fc = 0.6 N
 
   /// Returns the pull of the spring at every tick.
-  static std::vector<double> pulls(double rate_hz, double seconds) {
+  static std::vector<double> pulls(double rate_hz, double seconds, double bristle, double damping) {
     Alone floor(floor_with(fmt::format(
-                    R"("stiffness": 1000, "friction": {{"static": {}, "dynamic": {}, "bristle": 4e4, "damping": 45}})",
-                    kStatic, kDynamic)),
+                    R"("stiffness": 1000, "friction": {{"static": {}, "dynamic": {}, "bristle": {}, "damping": {}}})",
+                    kStatic, kDynamic, bristle, damping)),
                 Vec3(0, 0, 1e-3), rate_hz);
     const double dt = 1 / rate_hz, depth = kLoad / 1000;
     double x = 0, v = 0;
@@ -107,25 +110,36 @@ struct StickSlip {
     }
     return pulls;
   }
+
+  /// Returns the mean time between two slips, which begin at the maxima of the pull; 0 for fewer than 11 slips.
+  static double period(const std::vector<double>& pulls, double rate_hz) {
+    std::vector<double> begins;
+    for (std::size_t i = 1; i + 1 < pulls.size(); ++i)
+      if (pulls[i] > 0.9 && pulls[i] >= pulls[i - 1] && pulls[i] > pulls[i + 1] &&
+          (begins.empty() || static_cast<double>(i) / rate_hz - begins.back() > 0.1))
+        begins.push_back(static_cast<double>(i) / rate_hz);
+    return begins.size() > 10 ? (begins.back() - begins[1]) / static_cast<double>(begins.size() - 2) : 0;
+  }
 };
 
 TEST(Friction, SticksAndSlipsWithThePeriodOfTheory) {
   constexpr double kRate = 1000;
-  const std::vector<double> pulls = StickSlip::pulls(kRate, 8);
-  // Slips begin at the maxima of the pull.
-  std::vector<double> begins;
-  for (std::size_t i = 1; i + 1 < pulls.size(); ++i)
-    if (pulls[i] > 0.9 && pulls[i] >= pulls[i - 1] && pulls[i] > pulls[i + 1] &&
-        (begins.empty() || static_cast<double>(i) / kRate - begins.back() > 0.1))
-      begins.push_back(static_cast<double>(i) / kRate);
-  ASSERT_GT(begins.size(), 10U);
-  const double period = (begins.back() - begins[1]) / static_cast<double>(begins.size() - 2);
+  const std::vector<double> pulls = StickSlip::pulls(kRate, 8, 4e4, 45);
   const double w = std::sqrt(StickSlip::kSpring / StickSlip::kMass),
                rise = 2 * (1 - 0.6) / (StickSlip::kSpring * StickSlip::kSpeed);
   const double theory = rise + 2 * (pi - std::atan(0.4 * w / (StickSlip::kSpring * StickSlip::kSpeed))) / w;
   EXPECT_NEAR(theory, 0.4522, 1e-3) << "the case of the reference";
-  EXPECT_NEAR(period, theory, 0.01 * theory);
+  EXPECT_NEAR(StickSlip::period(pulls, kRate), theory, 0.01 * theory);
   EXPECT_NEAR(*std::max_element(pulls.begin(), pulls.end()), 1, 0.02);
+}
+
+TEST(Friction, NeedsAStiffDampedBristleToStickAsInTheory) {
+  constexpr double kRate = 1000, kTheory = 0.4522;
+  // The surface's stiffness, and no damping: the defaults. After its first slip the mass slides on.
+  const std::vector<double> pulls = StickSlip::pulls(kRate, 8, 1000, 0);
+  for (std::size_t i = 1000; i < pulls.size(); ++i) ASSERT_NEAR(pulls[i], 0.6, 0.05) << i;
+  EXPECT_NEAR(StickSlip::period(StickSlip::pulls(kRate, 8, 1000, 2), kRate) / kTheory, 1.09, 0.02);
+  EXPECT_NEAR(StickSlip::period(StickSlip::pulls(kRate, 8, 1e4, 20), kRate) / kTheory, 1, 0.01);
 }
 
 TEST(Friction, IsASpringBeforeItSlides) {
@@ -184,6 +198,80 @@ TEST(Friction, NeverGivesEnergyOnFlatAndRoundShapes) {
     EXPECT_LT(work_of_a_walk(floor, Vec3(0, 0, 1e-3), 4e-3, 1), 2e-5) << more;
     EXPECT_LT(work_of_a_walk(ball, Vec3(0, 0, 0.031), 4e-3, 2), 2e-5) << more;
   }
+}
+
+/// Returns the largest work that a friction has given to the hand, beyond the energy in its bristle [J], over random
+/// strokes of one kind: forwards only, or to and fro, or over a surface that turns. The normal force varies.
+enum class StrokeKind : std::uint8_t { forwards, to_and_fro, turning };
+double work_of_friction(const FrictionSpec& spec, StrokeKind kind, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal_number;
+  std::uniform_real_distribution<double> share(0, 1);
+  const auto any = [&] { return Vec3(normal_number(random), normal_number(random), normal_number(random)); };
+  const Friction friction(spec);
+  const Plane plane(PlaneSpec{});
+  SurfaceMemory memory;
+  Vec3 normal = Vec3::UnitZ(), place = Vec3::Zero();
+  double load = 1, given = 0, worst = 0;
+  for (int i = 0; i < 2000; ++i) {
+    if (i % 10 == 0) load = i % 200 == 190 ? 0 : 2 * share(random);
+    if (kind == StrokeKind::turning) normal = (normal + 0.05 * any()).normalized();
+    // Slow and fast ticks: within the bristle, and far beyond it.
+    const double far = std::pow(10, -6 + 3 * share(random));
+    const Vec3 step = kind == StrokeKind::forwards ? Vec3(far * Vec3(1, 0.3, 0)) : Vec3(far * any());
+    const ToolStep tool{.from = place, .to = place + step};
+    const Proxy proxy{.position = tool.to, .normal = normal, .depth = 1e-3, .known = true, .touching = true};
+    place = tool.to;
+    const Press press{
+        .shape = plane, .proxy = proxy, .step = tool, .velocity = step / kSurfaceTick, .dt = kSurfaceTick};
+    given += friction.pull(press, normal, load, memory).dot(step);
+    worst = std::max(worst, given + friction.stored(memory));
+  }
+  return worst;
+}
+
+TEST(Friction, GivesNoMoreWorkThanItsBristleHeldWhateverTheStroke) {
+  const PeriodicFriction wave{.period = 2e-3, .amplitude = 0.9};
+  const SandpaperFriction paper{.sigma = 0.5, .grain = 5e-4};
+  const std::vector<FrictionSpec> kinds{
+      {.fixed = 1, .dynamic = 0.1, .bristle = 1553.65, .damping = 4.6912},
+      {.fixed = 1, .dynamic = 0.1, .bristle = 1e3},
+      {.fixed = 0.5, .dynamic = 0.5, .bristle = 1e4, .damping = 20},
+      {.fixed = 1, .dynamic = 0, .bristle = 1e3, .damping = 1e3},
+      {.fixed = 0.8, .dynamic = 0.4, .bristle = 4e4, .damping = 45, .viscous = 2},
+      {.fixed = 0.8, .dynamic = 0.4, .bristle = 3e3, .damping = 2, .periodic = wave},
+      {.fixed = 0.8, .dynamic = 0.4, .bristle = 3e3, .damping = 2, .sandpaper = paper},
+      {.fixed = 0.8, .dynamic = 0.4, .bristle = 3e3, .viscous = 1, .periodic = wave, .sandpaper = paper},
+  };
+  for (std::size_t i = 0; i < kinds.size(); ++i)
+    for (const StrokeKind stroke : {StrokeKind::forwards, StrokeKind::to_and_fro, StrokeKind::turning})
+      for (unsigned seed = 0; seed < 20; ++seed)
+        EXPECT_LT(work_of_friction(kinds[i], stroke, seed), 1e-12)
+            << "kind " << i << ", stroke " << static_cast<int>(stroke) << ", seed " << seed;
+}
+
+TEST(Friction, GivesNoWorkOverAForwardStrokeOfSlowAndFastTicks) {
+  // Slow loading, two fast ticks, slow unloading: a bristle that its damper turned round would push here.
+  const Friction friction({.fixed = 1, .dynamic = 0.1, .bristle = 1553.65, .damping = 4.6912});
+  const Plane plane(PlaneSpec{});
+  SurfaceMemory memory;
+  double x = 0, given = 0;
+  const auto move = [&](double step) {
+    const ToolStep tool{.from = Vec3(x, 0, 0), .to = Vec3(x + step, 0, 0)};
+    const Proxy proxy{.position = tool.to, .normal = Vec3::UnitZ(), .depth = 1e-3, .known = true, .touching = true};
+    const Press press{.shape = plane, .proxy = proxy, .step = tool, .dt = kSurfaceTick};
+    const Vec3 force = friction.pull(press, Vec3::UnitZ(), 1, memory);
+    x += step;
+    given += force.x() * step;
+    EXPECT_LE(force.x(), 0) << "friction never pushes a tool that only moves forwards";
+  };
+  move(0);
+  for (int cycle = 0; cycle < 6; ++cycle) {
+    for (int i = 0; i < 40; ++i) move(1.5e-5);
+    for (int i = 0; i < 2; ++i) move(3e-4);
+    for (int i = 0; i < 40; ++i) move(1e-5);
+  }
+  EXPECT_LT(given, 0);
 }
 
 TEST(Friction, DoesNotChatterFromOneCountOfAnEncoder) {
