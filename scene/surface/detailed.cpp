@@ -21,6 +21,13 @@ constexpr double kDefaultBristle = 1000;  // where the surface has no one stiffn
 /// Parts of a surface, as bits.
 enum Part : unsigned { kLaw = 1, kShading = 2, kFriction = 4, kTexture = 8, kAdhesion = 16, kAllParts = 32 };
 
+/// Returns the largest length of J v for a unit vector v. J is the derivative of a proxy's place, which is symmetric
+/// and moves in a plane: so it has two values, whose sum is its trace.
+double stretch_of(const Eigen::Matrix3d& slide) noexcept {
+  const double sum = slide.trace();
+  return 0.5 * (sum + std::sqrt(std::max(0.0, 2 * slide.squaredNorm() - sum * sum)));
+}
+
 /// A surface with the given parts. Each combination is compiled by itself, so that a part that is absent costs nothing.
 template <unsigned Parts>
 class Detailed final : public Surface {
@@ -165,15 +172,17 @@ class Detailed final : public Surface {
       contact.proxy += sample.value * normal;
     }
     // The height varies the depth, and the slope the direction.
-    const double wave = height.wavelength(), along = 2 * std::numbers::pi / wave;
-    const double low = press.proxy.depth - height.amplitude(), high = press.proxy.depth + height.amplitude();
-    const double swing = raised() ? 0.5 * (force_at(high) - force_at(low)) : 0;
-    contact.vibration = std::hypot(swing, force_at(contact.depth) * height.amplitude() * along) *
-                        std::min(1.0, speed / (wave * kSlowVibration));
+    const double share = std::min(1.0, speed / (height.wavelength() * kSlowVibration));
     if (raised()) {
-      direction -= press.shape.slide(press.proxy).transpose() * sample.gradient;
+      const HeightRange range = height.range();
+      const double most = force_at(press.proxy.depth + range.high), least = force_at(press.proxy.depth + range.low);
+      const Eigen::Matrix3d slide = press.shape.slide(press.proxy);
+      contact.vibration = share * std::hypot(0.5 * (most - least), most * sample.steepest * stretch_of(slide));
+      direction -= slide.transpose() * sample.gradient;
       return;
     }
+    // A force that keeps its size turns by less than a right angle.
+    contact.vibration = share * force_at(contact.depth) * std::min(sample.steepest, std::numbers::sqrt2);
     // M = Ns - grad h + (grad h . Ns) Ns, of unit length.
     const Vec3 raised = direction - sample.gradient + sample.gradient.dot(direction) * direction;
     direction = raised / norm_of(raised);

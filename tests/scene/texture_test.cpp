@@ -210,6 +210,90 @@ TEST_F(Textures, DeclareTheirVibrationAndNoneToAToolThatRests) {
   EXPECT_LT(declared, 3 * most);
 }
 
+TEST_F(Textures, BoundTheirHeightsAndSlopesWithinAFactorOfTwo) {
+  std::map<std::string, std::string> all = all_;
+  all["Fractal"] = R"("kind": "fractal", "amplitude": 3e-4, "wavelength": 5e-3)";
+  all["Rough"] = R"("kind": "fractal", "amplitude": 3e-4, "wavelength": 5e-3, "octaves": 8, "hurst": 0.3)";
+  all["Sparse"] = R"("kind": "spots", "amplitude": 1e-4, "wavelength": 2e-3, "density": 0.5)";
+  all["OneWave"] = R"("kind": "fourier", "waves": [{"wavelength": 2e-3, "amplitude": 1e-4, "direction": [1, 2, 2]}])";
+  all["ManyWaves"] = R"("kind": "pink", "amplitude": 1e-4, "wavelength": 8e-3, "shortest": 1.5e-3, "waves": 128)";
+  all["Linear"] = all_.at("Image") + R"(, "order": 1)";
+  for (const auto& [name, keys] : all) {
+    const Texture texture = texture_of(keys);
+    const HeightRange range = texture.height->range();
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> side(-0.05, 0.05);
+    double steepest = 0, declared = 0, low = 1, high = -1;
+    for (int i = 0; i < 60'000; ++i) {
+      const HeightSample sample = texture.height->at({side(random), side(random), side(random)}, 0);
+      steepest = std::max(steepest, sample.gradient.norm());
+      declared = std::max(declared, sample.steepest);
+      low = std::min(low, sample.value);
+      high = std::max(high, sample.value);
+      ASSERT_LE(sample.gradient.norm(), sample.steepest * (1 + 1e-12)) << name;
+    }
+    EXPECT_LE(declared, 2.1 * steepest) << name;
+    EXPECT_LE(range.low, low) << name;
+    EXPECT_GE(range.high, high) << name;
+    EXPECT_LE(range.high - range.low, 2.1 * (high - low)) << name;
+  }
+}
+
+TEST_F(Textures, BoundTheSlopeOfAMappedImage) {
+  for (const char* kind : {"plane", "cylinder", "sphere", "cube"})
+    for (const char* height :
+         {R"("kind": "reaction-diffusion", "amplitude": 2e-4, "side": 64, "steps": 1500)",
+          R"("kind": "expression", "wavelength": 2e-3, "height": "2e-4*sin(2*pi*u/0.002)*cos(2*pi*v/0.002) + 0")"}) {
+      const Texture texture =
+          texture_of(fmt::format(R"({}, "mapping": {{"kind": "{}", "size": 0.02, "repeat": 3}})", height, kind));
+      std::mt19937 random(12);
+      std::uniform_real_distribution<double> side(-0.03, 0.03);
+      for (int i = 0; i < 20'000; ++i) {
+        const HeightSample sample = texture.height->at({side(random), side(random), side(random)}, 0);
+        ASSERT_LE(sample.gradient.norm(), sample.steepest * (1 + 1e-12)) << kind << ": " << height;
+      }
+    }
+}
+
+TEST_F(Textures, DeclareTheVibrationOfTheirForceWithinAFactorOfThree) {
+  // A tilted plane, so that its points lie between the points of every lattice, and a ball.
+  const Vec3 normal = Vec3(0.3, 0.2, 1).normalized();
+  const Vec3 across = normal.cross(Vec3::UnitX()).normalized(), along = normal.cross(across);
+  for (const char* law : {"potential", "bump"})
+    for (const auto& [name, keys] : all_) {
+      const std::string surface = fmt::format(R"("stiffness": 1000, "texture": {{"law": "{}", {}}}}})", law, keys);
+      Alone plane(R"({"kind": "plane", "point": 0, "normal": [0.3, 0.2, 1], )" + surface);
+      Alone ball(R"({"kind": "sphere", "radius": 0.03, )" + surface);
+      std::mt19937 random(13);
+      std::uniform_real_distribution<double> side(-0.03, 0.03);
+      std::normal_distribution<double> any;
+      for (Alone* object : {&plane, &ball}) {
+        double low = 1e9, high = -1e9, sideways = 0, least = 1e9;
+        const bool flat = object == &plane;
+        for (int i = 0; i < 10'000; ++i) {
+          const Vec3 up = Vec3(any(random), any(random), 0.5 + std::abs(any(random))).normalized();
+          const Vec3 out = flat ? normal : up;
+          const Vec3 place =
+              flat ? Vec3(side(random) * across + side(random) * along - 2e-3 * normal) : Vec3(0.028 * up);
+          const Vec3 velocity = 0.1 * (flat ? across : Vec3(up.unitOrthogonal()));
+          if (!flat) {  // every contact with the ball begins above it
+            object->reset();
+            (void)object->answer({.position = 0.04 * up});
+          }
+          const Contact contact = object->answer({place, velocity, 1e-3});
+          ASSERT_TRUE(contact.touched()) << name;
+          low = std::min(low, contact.force.dot(out));
+          high = std::max(high, contact.force.dot(out));
+          sideways = std::max(sideways, (contact.force - contact.force.dot(out) * out).norm());
+          least = std::min(least, contact.vibration);
+        }
+        const double real = std::max(0.5 * (high - low), sideways);
+        EXPECT_GE(least, (1 - 1e-9) * real) << name << " of the law " << law;
+        EXPECT_LE(least, 3 * real) << name << " of the law " << law;
+      }
+    }
+}
+
 TEST_F(Textures, SayWhatIsTooFineForTheRateOrTheDevice) {
   const auto remarks = [&](const char* wavelength, const SceneTiming& timing) {
     const auto scene = test::scene_with(fmt::format(

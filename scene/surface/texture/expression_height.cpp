@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 
 namespace haptrace {
 
@@ -14,12 +15,18 @@ ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping
   constexpr double kFirst = 0.7548776662466927, kSecond = 0.5698402909980532;
   constexpr int kSamples = 40'000;
   bool anywhere = false;
+  double low = std::numeric_limits<double>::infinity(), high = -low;
   for (int i = 0; i < kSamples; ++i) {
     const double u = kReach * (2 * std::fmod(0.5 + kFirst * i, 1) - 1);
     const double v = kReach * (2 * std::fmod(0.5 + kSecond * i, 1) - 1);
-    const double height = std::abs(expression_.value({u, v, 0}));
+    const Slope slope = expression_.slope({u, v, 0});
+    const double height = std::abs(slope.value);
     if (!std::isfinite(height)) continue;
     anywhere = true;
+    low = std::min(low, slope.value);
+    high = std::max(high, slope.value);
+    if (const double steep = std::hypot(slope.gradient[0], slope.gradient[1]); std::isfinite(steep))
+      steepest_ = std::max(steepest_, steep);
     if (height > most)
       throw input_error(fmt::format(
           "the height is {:.3g} m at u = {:.3g}, v = {:.3g} m; at most {:g} m are possible. Heights, u and v "
@@ -28,6 +35,12 @@ ExpressionHeight::ExpressionHeight(Expression expression, const Mapping& mapping
     amplitude_ = std::max(amplitude_, height);
   }
   if (!anywhere) throw input_error(fmt::format("the height is not a number at any u and v within {:g} m", kReach));
+  // The samples may miss the extremes by a little. The gradients of u and v on a cube meet at an angle of which the
+  // cosine is up to 1/2.
+  constexpr double kMissedHeight = 1.02, kMissedSlope = 1.1;
+  const double middle = 0.5 * (low + high), half = kMissedHeight * 0.5 * (high - low);
+  range_ = {middle - half, middle + half};
+  steepest_ *= kMissedSlope * (mapping_.kind == MappingKind::cube ? std::sqrt(1.5) : 1);
 }
 
 HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexcept {
@@ -39,7 +52,8 @@ HeightSample ExpressionHeight::at(const Vec3& place, double finest) const noexce
   if (share == 0) return {};
   const Slope slope = expression_.slope({size * mapped.u, size * mapped.v, 0});
   HeightSample sample{share * slope.value,
-                      share * size * (slope.gradient[0] * mapped.du + slope.gradient[1] * mapped.dv)};
+                      share * size * (slope.gradient[0] * mapped.du + slope.gradient[1] * mapped.dv),
+                      share * steepest_ * fastest};
   if (!std::isfinite(sample.value) || !is_finite(sample.gradient)) return {};
   return sample;
 }

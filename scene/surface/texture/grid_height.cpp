@@ -73,6 +73,21 @@ HeightGrid averaged(const HeightGrid& grid, int most) {
   return coarse;
 }
 
+/// Returns the largest slope in a cell of four points, from its differences along columns and rows.
+double steepest_cell(const HeightGrid& grid) {
+  double most = 0;
+  for (int row = 0; row < grid.rows; ++row)
+    for (int column = 0; column < grid.columns; ++column) {
+      const int right = wrapped(column + 1, grid.columns), down = wrapped(row + 1, grid.rows);
+      const double a = grid.at(column, row), b = grid.at(right, row), c = grid.at(column, down),
+                   d = grid.at(right, down);
+      const double across = std::max(std::abs(b - a), std::abs(d - c));
+      const double along = std::max(std::abs(c - a), std::abs(d - b));
+      most = std::max(most, across * across + along * along);
+    }
+  return std::sqrt(most);
+}
+
 }  // namespace
 
 GridHeight::GridHeight(HeightGrid grid, const Mapping& mapping, double amplitude)
@@ -87,6 +102,15 @@ void GridHeight::prepare() {
   used_ = averaged(whole_, texels_);
   // Around a cylinder, a sphere or a cube the length depends on the shape; the size stands for it.
   wavelength_ = kTexelsPerWave * mapping_.size / std::max(used_.columns, used_.rows);
+
+  // Cubic interpolation is steeper than the differences, by up to half for waves of two texels, and overshoots.
+  constexpr double kSteeper = 1.5, kBeyond = 1.25 * 1.25;
+  // The gradients of u and v on a cube meet at an angle of which the cosine is up to 1/2.
+  const double skew = mapping_.kind == MappingKind::cube ? std::sqrt(1.5) : 1;
+  steepest_ = skew * (order_ == 1 ? 1 : kSteeper) * steepest_cell(used_);
+  const auto [least, most] = std::minmax_element(used_.values.begin(), used_.values.end());
+  const double middle = 0.5 * (*least + *most), half = 0.5 * (*most - *least) * (order_ == 1 ? 1 : kBeyond);
+  range_ = {amplitude_ * (middle - half), amplitude_ * (middle + half)};
 }
 
 std::vector<Knob> GridHeight::knobs() const {
@@ -111,7 +135,8 @@ HeightSample GridHeight::at(const Vec3& place, double finest) const noexcept {
   if (share == 0) return {};
   const FlatSample flat =
       order_ == 1 ? interpolated<Linear>(used_, column, row) : interpolated<Cubic>(used_, column, row);
-  return {share * flat.value, share * (flat.du * used_.columns * mapped.du + flat.dv * used_.rows * mapped.dv)};
+  return {share * flat.value, share * (flat.du * used_.columns * mapped.du + flat.dv * used_.rows * mapped.dv),
+          share * steepest_ * fastest};
 }
 
 HeightGrid reaction_diffusion(int side, int steps, double feed, double kill, std::uint64_t seed) {

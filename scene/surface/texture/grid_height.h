@@ -33,6 +33,7 @@ class GridHeight final : public Height {
   [[nodiscard]] double amplitude() const noexcept override { return amplitude_; }
   /// Cubic interpolation overshoots: its weights add up to at most 1.25 in magnitude, along each side.
   [[nodiscard]] double highest() const noexcept override { return (order_ == 1 ? 1 : 1.25 * 1.25) * amplitude_; }
+  [[nodiscard]] HeightRange range() const noexcept override { return range_; }
   [[nodiscard]] double wavelength() const noexcept override { return wavelength_; }
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
@@ -42,6 +43,8 @@ class GridHeight final : public Height {
   Mapping mapping_;
   double amplitude_;
   double wavelength_ = 0;
+  double steepest_ = 0;  ///< height of the value 1: bound of the slope from texel to texel
+  HeightRange range_;
   int order_ = 3;
   int texels_;
 };

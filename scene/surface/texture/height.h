@@ -12,6 +12,12 @@ namespace haptrace {
 struct HeightSample {
   double value = 0;              ///< [m]
   Vec3 gradient = Vec3::Zero();  ///< d value / d place, exact
+  double steepest = 0;           ///< bound of |gradient| at all places of this scale, however a wave's phase is there
+};
+
+/// The heights that are to be expected anywhere [m].
+struct HeightRange {
+  double low = 0, high = 0;
 };
 
 /// A height as a function of the place in the shape's frame. Only its values on the surface matter.
@@ -30,6 +36,9 @@ class Height : public Adjustable {
   /// Returns the largest height that is to be expected anywhere, where amplitude() is typical or was sampled: contacts
   /// begin at this distance in front of the shape [m].
   [[nodiscard]] virtual double highest() const noexcept { return amplitude(); }
+  /// Returns the range of heights, which is at most about twice that of a long stroke: the guard against vibration is
+  /// told its half.
+  [[nodiscard]] virtual HeightRange range() const noexcept { return {-amplitude(), amplitude()}; }
   /// Returns the shortest wavelength that carries a considerable part of it [m].
   [[nodiscard]] virtual double wavelength() const noexcept = 0;
 

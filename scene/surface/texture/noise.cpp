@@ -32,6 +32,14 @@ constexpr std::array<std::array<double, 3>, 16> kDirections{{{1, 1, 0},
                                                              {0, -1, 1},
                                                              {0, -1, -1}}};
 
+/// Bound of the gradient of Perlin's noise: in the middle of a cell, all eight directions may agree. Its rms is 1.22.
+constexpr double kSteepestPerlin = 3.75;
+constexpr double kRmsPerlin = 0.27;  // of its value
+/// Octaves hardly ever meet at their steepest: this multiple of the root of the sum of their squares is passed nowhere
+/// in practice. It is 3.7 times the rms of the gradient, a vector of three parts.
+constexpr double kRareOctaves = 4.5;
+constexpr double kRare = 5.5;  // of a sum of many waves over its rms: once in 3e7 places
+
 /// Calls `visit` with every point of the Poisson process in a cell, `mean` points on average. At most kMostPoints.
 template <class Visit>
 void each_point(const LatticeCell& cell, std::uint64_t seed, double mean, const Visit& visit) noexcept {
@@ -89,7 +97,8 @@ HeightSample PerlinHeight::at(const Vec3& place, double finest) const noexcept {
   const double share = spec_.amplitude * fade(spec_.wavelength, finest);
   if (share == 0) return {};
   const HeightSample noise = perlin_noise(place / spec_.wavelength, spec_.seed);
-  return {share * noise.value, share / spec_.wavelength * noise.gradient};
+  const double slope = share / spec_.wavelength;
+  return {share * noise.value, slope * noise.gradient, kSteepestPerlin * slope};
 }
 
 FractalHeight::FractalHeight(const NoiseSpec& spec, FractalKind kind, int octaves, double hurst)
@@ -111,6 +120,28 @@ void FractalHeight::set(const std::string& knob, double level) {
   double sum = 0;
   for (int i = 0; i < kMostOctaves; ++i) sum += std::exp2(-hurst_ * i);
   scale_ = spec_.amplitude / sum;  // the same for any number of octaves: fewer only leave out detail
+
+  // Heights are the mean of the used octaves and six times their standard deviation, within what is possible.
+  double used = 0, squares = 0;
+  for (int i = 0; i < octaves_; ++i) {
+    used += std::exp2(-hurst_ * i);
+    squares += std::exp2(-2 * hurst_ * i);
+  }
+  const double spread = std::sqrt(squares);
+  switch (kind_) {
+    case FractalKind::fbm:
+      range_.high = std::min(used, 6 * kRmsPerlin * spread);
+      range_.low = -range_.high;
+      break;
+    case FractalKind::ridged:
+    case FractalKind::turbulence: {
+      constexpr double kMean = 0.22, kSpread = 1;  // of a magnitude
+      range_ = {std::max(0.0, kMean * used - kSpread * spread), std::min(used, kMean * used + kSpread * spread)};
+      if (kind_ == FractalKind::ridged) range_ = {used - range_.high, used - range_.low};
+      break;
+    }
+  }
+  range_ = {scale_ * range_.low, scale_ * range_.high};
 }
 
 HeightSample FractalHeight::at(const Vec3& place, double finest) const noexcept {
@@ -118,6 +149,7 @@ HeightSample FractalHeight::at(const Vec3& place, double finest) const noexcept 
   HeightSample sum;
   double scale = scale_, wavelength = spec_.wavelength;
   const double gain = std::exp2(-hurst_);
+  double slopes = 0, squares = 0;
   for (int i = 0; i < octaves_; ++i, scale *= gain, wavelength *= 0.5) {
     const double share = scale * fade(wavelength, finest);
     if (share == 0) break;
@@ -129,13 +161,20 @@ HeightSample FractalHeight::at(const Vec3& place, double finest) const noexcept 
       noise.gradient *= (kind_ == FractalKind::ridged ? -1 : 1) * noise.value / magnitude;
       noise.value = kind_ == FractalKind::ridged ? 1 - magnitude : magnitude;
     }
+    const double slope = share / wavelength;
     sum.value += share * noise.value;
-    sum.gradient += share / wavelength * noise.gradient;
+    sum.gradient += slope * noise.gradient;
+    slopes += slope;
+    squares += slope * slope;
   }
+  sum.steepest = std::min(kSteepestPerlin * slopes, kRareOctaves * std::sqrt(squares));
   return sum;
 }
 
-SpotHeight::SpotHeight(const NoiseSpec& spec, double density) : spec_(spec), density_(density) {}
+// The steepest slope: one and a half spots, and 4.5 times the rms of Campbell's theorem, whose integral of the squared
+// slope is 2.19.
+SpotHeight::SpotHeight(const NoiseSpec& spec, double density)
+    : spec_(spec), density_(density), steepest_(1.5 * pi + 4.5 * std::sqrt(2.19 * density)) {}
 
 HeightSample SpotHeight::at(const Vec3& place, double finest) const noexcept {
   const double share = spec_.amplitude * fade(spec_.wavelength, finest);
@@ -154,7 +193,8 @@ HeightSample SpotHeight::at(const Vec3& place, double finest) const noexcept {
                  sum.value += sign * 0.5 * (1 + std::cos(2 * pi * distance));
                  if (distance > 0) sum.gradient -= sign * pi * std::sin(2 * pi * distance) / distance * offset;
                });
-  return {share * sum.value, share / spec_.wavelength * sum.gradient};
+  const double slope = share / spec_.wavelength;
+  return {share * sum.value, slope * sum.gradient, slope * steepest_};
 }
 
 double SpotHeight::highest() const noexcept {
@@ -218,7 +258,8 @@ HeightSample CellularHeight::at(const Vec3& place, double finest) const noexcept
     result = {further.value - result.value, further.gradient - result.gradient};
   }
   const double scale = share * kEdge;  // height of a distance of one cell's edge
-  return {scale * result.value, scale / edge * result.gradient};
+  const double slope = scale / edge;
+  return {scale * result.value, slope * result.gradient, kind_ == CellularKind::f1 ? slope : 2 * slope};
 }
 
 WaveHeight::WaveHeight(std::vector<Wave> waves) : waves_(std::move(waves)), used_(waves_.size()) {
@@ -229,6 +270,32 @@ WaveHeight::WaveHeight(std::vector<Wave> waves) : waves_(std::move(waves)), used
     amplitude_ += std::abs(wave.amplitude);
     shortest_ = std::min(shortest_, 2 * pi / wave.number.norm());
   }
+  measure();
+}
+
+/// Sums what the waves reach where their phases agree, and limits it to what is hardly ever passed.
+void WaveHeight::measure() {
+  double sum = 0, squares = 0, slopes = 0;
+  for (std::size_t i = 0; i < used_; ++i) {
+    const double amplitude = std::abs(waves_[i].amplitude);
+    sum += amplitude;
+    squares += amplitude * amplitude;
+    slopes += amplitude * amplitude * waves_[i].number.squaredNorm();
+  }
+  range_.high = std::min(sum, kRare * std::sqrt(0.5 * squares));
+  range_.low = -range_.high;
+  // The sum of the slopes along a direction is largest along one of these, or 2 % less: a spiral on a hemisphere.
+  constexpr int kDirections = 200;
+  constexpr double kGoldenAngle = 2.399963229728653, kBetween = 1.02;
+  double steepest = 0;
+  for (int i = 0; i < kDirections; ++i) {
+    const double z = (i + 0.5) / kDirections, around = std::sqrt(1 - z * z);
+    const Vec3 direction(around * std::cos(kGoldenAngle * i), around * std::sin(kGoldenAngle * i), z);
+    double along = 0;
+    for (std::size_t w = 0; w < used_; ++w) along += std::abs(waves_[w].amplitude * waves_[w].number.dot(direction));
+    steepest = std::max(steepest, along);
+  }
+  steepest_ = std::min(kBetween * steepest, kRare * std::sqrt(0.5 * slopes));
 }
 
 WaveHeight WaveHeight::pink(double rms, double longest, double shortest, int count, std::uint64_t seed) {
@@ -254,7 +321,9 @@ std::vector<Knob> WaveHeight::knobs() const {
 }
 
 void WaveHeight::set(const std::string& knob, double level) {
-  if (knob == "waves") used_ = static_cast<std::size_t>(std::lround(level));
+  if (knob != "waves") return;
+  used_ = static_cast<std::size_t>(std::lround(level));
+  measure();
 }
 
 HeightSample WaveHeight::at(const Vec3& place, double finest) const noexcept {
@@ -267,6 +336,7 @@ HeightSample WaveHeight::at(const Vec3& place, double finest) const noexcept {
     sum.value += share * std::cos(angle);
     sum.gradient -= share * std::sin(angle) * wave.number;
   }
+  sum.steepest = steepest_;
   return sum;
 }
 

@@ -45,6 +45,7 @@ class FractalHeight final : public Height {
   [[nodiscard]] double wavelength() const noexcept override;
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
+  [[nodiscard]] HeightRange range() const noexcept override { return range_; }
 
  private:
   NoiseSpec spec_;
@@ -52,6 +53,7 @@ class FractalHeight final : public Height {
   int octaves_;
   double hurst_;
   double scale_ = 0;  ///< amplitude of the first octave [m]
+  HeightRange range_;
 };
 
 /// Random spots on a Poisson process (van Wijk 1991): each a cosine bump of a random sign.
@@ -62,11 +64,13 @@ class SpotHeight final : public Height {
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return spec_.amplitude; }
   [[nodiscard]] double highest() const noexcept override;
+  [[nodiscard]] HeightRange range() const noexcept override { return {-1.2 * highest(), 1.2 * highest()}; }
   [[nodiscard]] double wavelength() const noexcept override { return spec_.wavelength; }
 
  private:
   NoiseSpec spec_;
   double density_;
+  double steepest_;  ///< of the amplitude over the wavelength
 };
 
 enum class CellularKind : std::uint8_t { f1, f2_minus_f1 };
@@ -80,6 +84,7 @@ class CellularHeight final : public Height {
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return spec_.amplitude; }
   [[nodiscard]] double highest() const noexcept override;
+  [[nodiscard]] HeightRange range() const noexcept override { return {0, highest()}; }
   [[nodiscard]] double wavelength() const noexcept override { return spec_.wavelength; }
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
@@ -107,14 +112,19 @@ class WaveHeight final : public Height {
 
   [[nodiscard]] HeightSample at(const Vec3& place, double finest) const noexcept override;
   [[nodiscard]] double amplitude() const noexcept override { return amplitude_; }
+  [[nodiscard]] HeightRange range() const noexcept override { return range_; }
   [[nodiscard]] double wavelength() const noexcept override { return shortest_; }
   [[nodiscard]] std::vector<Knob> knobs() const override;
   void set(const std::string& knob, double level) override;
 
  private:
+  void measure();
+
   std::vector<Wave> waves_;
   std::size_t used_;  ///< waves that count, the strongest first
   double amplitude_ = 0, shortest_ = 0;
+  double steepest_ = 0;  ///< of the waves that count
+  HeightRange range_;    ///< of the waves that count
 };
 
 }  // namespace haptrace
