@@ -18,6 +18,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <unordered_map>
 
@@ -110,6 +111,7 @@ void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& paren
   constexpr int kDeepest = 200;
   if (depth > kDeepest) throw input_error(file + ": its parts are nested more than 200 levels deep");
   const aiMatrix4x4 placed = parent * node.mTransformation;
+  const bool mirrored = placed.Determinant() < 0;  // what was wound outwards is now wound inwards
   for (unsigned m = 0; m < node.mNumMeshes; ++m) {
     const aiMesh& part = *scene.mMeshes[node.mMeshes[m]];
     const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
@@ -129,6 +131,7 @@ void add_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& paren
                                         part.mNumVertices));
         polygon.push_back(first + face.mIndices[k]);
       }
+      if (mirrored) std::reverse(polygon.begin(), polygon.end());
       add_polygon(polygon, file, mesh);
     }
   }
@@ -313,6 +316,12 @@ struct Joins {
   std::vector<Edge> edges;
 };
 
+/// The parts of a mesh that no edge joins.
+struct Parts {
+  std::vector<std::uint32_t> of;       ///< the part of every triangle
+  std::vector<std::uint32_t> at_open;  ///< triangles at open edges
+};
+
 /// The neighbours of every triangle, over the edges that two triangles share.
 class Neighbours {
  public:
@@ -347,14 +356,19 @@ class Neighbours {
   std::vector<Neighbour> list_;
 };
 
-/// Counts the edges that one triangle has alone, and those that more than two share.
-void count_edges(const Joins& joins, const TriangleMesh& mesh, MeshReport& report) {
+/// Counts the edges that one triangle has alone, and those that more than two share. Returns the triangles at the first
+/// ones.
+std::vector<std::uint32_t> count_edges(const Joins& joins, const TriangleMesh& mesh, MeshReport& report) {
+  std::vector<std::uint32_t> at_open;
   joins.each([&](const Joins::Edge* edge, std::size_t number) {
     if (number > 2) ++report.shared_edges;
-    if (number != 1 || report.open_edges++ > 0) return;
+    if (number != 1) return;
+    at_open.push_back(edge->triangle);
+    if (report.open_edges++ > 0) return;
     const auto& t = mesh.triangles[edge->triangle];
     report.open_at = 0.5 * (mesh.vertices[t[edge->corner]] + mesh.vertices[t[(edge->corner + 1U) % 3]]);
   });
+  return at_open;
 }
 
 /// Decides which triangles are to be turned over, part by part.
@@ -394,6 +408,8 @@ class PartTurns {
     }
   }
 
+  /// Returns the triangles of the last part.
+  [[nodiscard]] std::span<const std::uint32_t> part() const { return part_; }
   /// Calls `turn` with the triangles of the last part that are to be turned over: the majority knows better.
   template <class Do>
   void each_turned(const Do& turn) const {
@@ -411,21 +427,151 @@ class PartTurns {
 };
 
 /// Turns triangles over until neighbours agree on the outside. Throws Error(input) if they cannot.
-void orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
+Parts orient(TriangleMesh& mesh, MeshReport& report, const std::string& name) {
   const Joins joins(mesh);
-  count_edges(joins, mesh, report);
+  Parts parts{.of = std::vector<std::uint32_t>(mesh.triangles.size()), .at_open = count_edges(joins, mesh, report)};
   const Neighbours neighbours(joins, mesh.triangles.size());
   PartTurns turns(mesh, neighbours);
   for (std::uint32_t seed = 0; seed < mesh.triangles.size(); ++seed) {
     if (turns.known(seed)) continue;
-    ++report.parts;
     turns.spread_from(seed, name);
+    for (const std::uint32_t t : turns.part()) parts.of[t] = static_cast<std::uint32_t>(report.parts);
+    ++report.parts;
     turns.each_turned([&](std::uint32_t t) {
       std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
       ++report.turned;
     });
   }
+  return parts;
 }
+
+/// Judges which side of each part is the outside.
+class Sides {
+ public:
+  Sides(TriangleMesh& mesh, const Parts& parts, std::size_t count) : mesh_(mesh), of_(parts.of), parts_(count) {
+    measure();
+    for (const std::uint32_t t : parts.at_open) parts_[of_[t]].closed = false;
+  }
+
+  /// Turns over every closed part that is inside out and lies in no other, with all that lies inside it. So a cavity
+  /// stays wound inwards.
+  void turn(MeshReport& report) {
+    std::vector<std::uint32_t> wrong;
+    for (std::uint32_t p = 0; p < parts_.size(); ++p)
+      if (parts_[p].closed && parts_[p].volume < 0) wrong.push_back(p);
+    if (wrong.empty()) return;
+    list_triangles();
+    // Beyond this number of pairs, every part stands for itself.
+    constexpr std::size_t kMostPairs = 100'000'000;
+    const bool nests = wrong.size() * parts_.size() <= kMostPairs;
+    std::vector<bool> turns(parts_.size(), false);
+    for (const std::uint32_t p : wrong) {
+      bool within = false;
+      for (std::uint32_t q = 0; nests && q < parts_.size() && !within; ++q) within = inside(p, q);
+      if (within) continue;
+      turns[p] = true;
+      for (std::uint32_t q = 0; nests && q < parts_.size(); ++q)
+        if (inside(q, p)) turns[q] = true;
+    }
+    for (std::size_t t = 0; t < mesh_.triangles.size(); ++t)
+      if (turns[of_[t]]) std::swap(mesh_.triangles[t][1], mesh_.triangles[t][2]);
+    report.parts_turned = static_cast<std::size_t>(std::count(turns.begin(), turns.end(), true));
+    report.inside_out = report.parts_turned == parts_.size();
+    for (std::size_t p = 0; p < parts_.size(); ++p)
+      if (turns[p]) parts_[p].volume = -parts_[p].volume;
+  }
+
+  /// Counts the open parts that are almost closed and whose faces look inwards. A sheet, a valley or a shallow bowl is
+  /// none: it has no inside.
+  void count_inwards(MeshReport& report) const {
+    constexpr double kClearly = 0.5, kFlat = 0.6;  // of the sums of magnitudes
+    for (const Part& part : parts_) {
+      if (part.closed || !(part.volume < -kClearly * part.volumes) || !(part.facing.norm() < kFlat * part.area))
+        continue;
+      if (report.inwards++ == 0) report.inwards_at = part.first;
+    }
+  }
+
+ private:
+  struct Part {
+    Vec3 least = Vec3::Constant(std::numeric_limits<double>::infinity()), most = -least;
+    Vec3 facing = Vec3::Zero();  ///< sum of normals times areas: zero for a closed part [m^2]
+    Vec3 middle = Vec3::Zero();  ///< by area [m]
+    double area = 0;             ///< [m^2]
+    double volume = 0;           ///< around the middle, with its sign [m^3]
+    double volumes = 0;          ///< the same without signs [m^3]
+    std::uint32_t first = 0xffffffff;
+    bool closed = true;
+  };
+
+  [[nodiscard]] std::array<Vec3, 3> corners(std::size_t triangle, const Vec3& around) const {
+    const auto& t = mesh_.triangles[triangle];
+    return {mesh_.vertices[t[0]] - around, mesh_.vertices[t[1]] - around, mesh_.vertices[t[2]] - around};
+  }
+
+  void measure() {
+    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
+      Part& part = parts_[of_[t]];
+      part.first = std::min(part.first, t);
+      const std::array<Vec3, 3> at = corners(t, Vec3::Zero());
+      for (const Vec3& corner : at) {
+        part.least = part.least.cwiseMin(corner);
+        part.most = part.most.cwiseMax(corner);
+      }
+      const Vec3 facing = 0.5 * (at[1] - at[0]).cross(at[2] - at[0]);
+      const double area = facing.norm();
+      part.facing += facing;
+      part.area += area;
+      part.middle += area / 3 * (at[0] + at[1] + at[2]);
+    }
+    constexpr double kRounding = 1e-9;
+    for (Part& part : parts_) {
+      if (part.area > 0) part.middle /= part.area;
+      part.closed = part.facing.norm() <= kRounding * part.area;
+    }
+    for (std::size_t t = 0; t < mesh_.triangles.size(); ++t) {
+      Part& part = parts_[of_[t]];
+      const std::array<Vec3, 3> at = corners(t, part.middle);
+      const double volume = at[0].dot(at[1].cross(at[2])) / 6;
+      part.volume += volume;
+      part.volumes += std::abs(volume);
+    }
+  }
+
+  /// Lists the triangles of every part.
+  void list_triangles() {
+    begin_.assign(parts_.size() + 1, 0);
+    for (const std::uint32_t p : of_) ++begin_[p + 1];
+    for (std::size_t p = 0; p < parts_.size(); ++p) begin_[p + 1] += begin_[p];
+    list_.resize(of_.size());
+    std::vector<std::uint32_t> next(begin_.begin(), begin_.end() - 1);
+    for (std::uint32_t t = 0; t < of_.size(); ++t) list_[next[of_[t]]++] = t;
+  }
+
+  /// Returns whether part p lies inside the closed part q: by the angle under which p sees q (Van Oosterom and Strackee
+  /// 1983).
+  [[nodiscard]] bool inside(std::uint32_t p, std::uint32_t q) const {
+    const Part &inner = parts_[p], &outer = parts_[q];
+    if (p == q || !outer.closed || (inner.least.array() < outer.least.array()).any() ||
+        (inner.most.array() > outer.most.array()).any())
+      return false;
+    const std::array<Vec3, 3> place = corners(inner.first, Vec3::Zero());
+    const Vec3 from = (place[0] + place[1] + place[2]) / 3;
+    double turns = 0;
+    for (std::uint32_t i = begin_[q]; i < begin_[q + 1]; ++i) {
+      const std::array<Vec3, 3> at = corners(list_[i], from);
+      const double a = at[0].norm(), b = at[1].norm(), c = at[2].norm();
+      turns += std::atan2(at[0].dot(at[1].cross(at[2])),
+                          a * b * c + at[0].dot(at[1]) * c + at[1].dot(at[2]) * a + at[2].dot(at[0]) * b);
+    }
+    return std::abs(turns) > std::numbers::pi;  // half of 2 pi, which is a full view
+  }
+
+  TriangleMesh& mesh_;
+  const std::vector<std::uint32_t>& of_;
+  std::vector<Part> parts_;
+  std::vector<std::uint32_t> begin_, list_;
+};
 
 double volume_of(const TriangleMesh& mesh, const Vec3& around) {
   double sum = 0;
@@ -463,7 +609,17 @@ std::vector<std::string> remarks_on(const MeshReport& report) {
       triangles(report.flat, "has", "have") + " no area and " + (report.flat == 1 ? "was left out" : "were left out"));
   add(report.repeated, triangles(report.repeated, "is", "are") + " there twice; one of each was left out");
   add(report.turned, triangles(report.turned, "was", "were") + " wound the other way round, and turned over");
-  add(report.inside_out ? 1 : 0, "the mesh was inside out, and was turned over");
+  if (report.inside_out)
+    add(1, "the mesh was inside out, and was turned over");
+  else
+    add(report.parts_turned,
+        fmt::format("{} of {} parts {} inside out, and {} turned over", report.parts_turned, report.parts,
+                    report.parts_turned == 1 ? "was" : "were", report.parts_turned == 1 ? "was" : "were"));
+  add(report.inwards,
+      fmt::format("{} and looks inwards, the first at triangle {}: the tool cannot touch it from outside. Turn its "
+                  "faces over or close it",
+                  report.inwards == 1 ? "1 part is open" : fmt::format("each of {} parts is open", report.inwards),
+                  report.inwards_at + 1));
   add(report.open_edges,
       fmt::format("{} open, the first at ({:.4g}, {:.4g}, {:.4g}) m: the tool can get behind the "
                   "surface there",
@@ -512,7 +668,10 @@ MeshLoad clean_mesh(TriangleMesh mesh, const std::string& name) {
     }
   }
   compact(mesh);
-  orient(mesh, report, name);
+  const Parts parts = orient(mesh, report, name);
+  Sides sides(mesh, parts, report.parts);
+  sides.turn(report);
+  sides.count_inwards(report);
   Vec3 least = mesh.vertices.front(), most = least;
   for (const Vec3& vertex : mesh.vertices) {
     least = least.cwiseMin(vertex);

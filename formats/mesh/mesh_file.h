@@ -19,14 +19,17 @@ struct MeshReport {
   std::size_t open_edges = 0;    ///< edges of one triangle
   std::size_t shared_edges = 0;  ///< edges of more than two triangles
   std::size_t parts = 0;         ///< that no edge joins
-  bool inside_out = false;       ///< the whole mesh was turned over: its volume was negative
+  std::size_t parts_turned = 0;  ///< closed parts that were inside out, and what lies inside them: turned over
+  std::size_t inwards = 0;       ///< open parts, almost closed, whose faces look inwards: left as they are
+  std::size_t inwards_at = 0;    ///< a triangle of the first of them, from 0
+  bool inside_out = false;       ///< the whole mesh was turned over
   double volume = 0;             ///< of a closed mesh [m^3]
   Vec3 size = Vec3::Zero();      ///< of its box [m]
   Vec3 open_at = Vec3::Zero();   ///< middle of an open edge, if there is one [m]
 };
 
 struct MeshLoad {
-  TriangleMesh mesh;  ///< welded, without triangles of no area, consistently wound, normals outwards if it is closed
+  TriangleMesh mesh;  ///< welded, without triangles of no area, consistently wound, normals outwards where it is closed
   MeshReport report;
   std::vector<std::string> remarks;  ///< notes for the user: what was changed, and what may surprise
 };

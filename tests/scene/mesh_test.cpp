@@ -636,6 +636,83 @@ TEST(MeshFiles, OfObjGoOnInTheNextLineAndCountBackwards) {
   EXPECT_NEAR(load.report.volume, 8e-9, 1e-20);
 }
 
+/// Returns the mesh with every triangle turned over.
+TriangleMesh turned_over(TriangleMesh mesh) {
+  for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+  return mesh;
+}
+
+TEST(MeshFiles, HaveEveryPartThatIsInsideOutTurnedOver) {
+  const TriangleMesh ball = bumpy_sphere(0.02, 0, 400), small = bumpy_sphere(0.01, 0, 100);
+  const double whole = clean_mesh(ball, "m").report.volume, part = clean_mesh(small, "m").report.volume;
+  const auto load_of = [](TriangleMesh first, const TriangleMesh& second, const Vec3& shift) {
+    test::join(first, second, shift);
+    return clean_mesh(std::move(first), "m");
+  };
+  // Two balls beside each other: each is judged by itself.
+  const Vec3 beside(0.1, 0, 0);
+  EXPECT_THAT(load_of(ball, small, beside).remarks, testing::IsEmpty());
+  const MeshLoad one = load_of(ball, turned_over(small), beside);
+  EXPECT_THAT(testing::PrintToString(one.remarks), HasSubstr("1 of 2 parts was inside out, and was turned over"));
+  EXPECT_NEAR(one.report.volume, whole + part, 1e-9 * whole);
+  const MeshLoad both = load_of(turned_over(ball), turned_over(small), beside);
+  EXPECT_THAT(testing::PrintToString(both.remarks), HasSubstr("the mesh was inside out"));
+  EXPECT_NEAR(both.report.volume, whole + part, 1e-9 * whole);
+  // One within the other is a cavity if it is wound the other way round.
+  const MeshLoad hollow = load_of(ball, turned_over(small), Vec3::Zero());
+  EXPECT_THAT(hollow.remarks, testing::IsEmpty());
+  EXPECT_NEAR(hollow.report.volume, whole - part, 1e-9 * whole);
+  const MeshLoad hollow_turned = load_of(turned_over(ball), small, Vec3::Zero());
+  EXPECT_THAT(testing::PrintToString(hollow_turned.remarks), HasSubstr("the mesh was inside out"));
+  EXPECT_NEAR(hollow_turned.report.volume, whole - part, 1e-9 * whole);
+  // A part that is open elsewhere does not hide one that is inside out.
+  TriangleMesh open = ball;
+  open.triangles.pop_back();
+  EXPECT_THAT(testing::PrintToString(load_of(open, turned_over(small), beside).remarks),
+              HasSubstr("1 of 2 parts was inside out"));
+}
+
+TEST(MeshFiles, WarnOfOpenPartsThatLookInwards) {
+  const auto remarks_of = [](TriangleMesh mesh) {
+    return testing::PrintToString(clean_mesh(std::move(mesh), "m").remarks);
+  };
+  TriangleMesh open = bumpy_sphere(0.02, 0, 400);
+  open.triangles.pop_back();
+  EXPECT_THAT(remarks_of(open), testing::Not(HasSubstr("looks inwards")));
+  EXPECT_THAT(remarks_of(turned_over(open)), HasSubstr("1 part is open and looks inwards, the first at triangle 1:"));
+  TriangleMesh second = bumpy_sphere(0.03, 0, 400);
+  const std::size_t first = second.triangles.size();
+  test::join(second, turned_over(open), Vec3(0.1, 0, 0));
+  EXPECT_THAT(remarks_of(second), HasSubstr(fmt::format("the first at triangle {}:", first + 1)));
+  // A sheet and a valley have no inside, whichever way they look.
+  for (const double depth : {0.0, 0.02, -0.02}) {
+    const TriangleMesh sheet = grid_mesh(8, 8, {}, [&](double u, double v) {
+      return Vec3(0.1 * u, 0.1 * v, depth * (std::pow(2 * u - 1, 2) + std::pow(2 * v - 1, 2)));
+    });
+    EXPECT_THAT(remarks_of(sheet), testing::Not(HasSubstr("looks inwards"))) << depth;
+  }
+}
+
+TEST(MeshFiles, KeepTheirOutsideWhereANodeOfGltfMirrorsThem) {
+  const TempFolder folder;
+  for (const char* scale : {"[1, 1, 1]", "[-1, 1, 1]", "[-1, -1, 1]", "[1, -3, 1]"}) {
+    // One triangle in the plane z = 0 that looks along z, as three vertices of 32-bit floats.
+    const std::string text = fmt::format(
+        R"({{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0]}}],
+            "nodes": [{{"mesh": 0, "scale": {}}}], "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}}}]}}],
+            "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+                            "min": [0, 0, 0], "max": [1, 1, 0]}}],
+            "bufferViews": [{{"buffer": 0, "byteLength": 36}}],
+            "buffers": [{{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}}]}})",
+        scale);
+    const TriangleMesh mesh = load_mesh(folder.write("a.gltf", text), "m").mesh;
+    ASSERT_EQ(mesh.triangles.size(), 1U) << scale;
+    const auto& t = mesh.triangles[0];
+    const Vec3 facing = (mesh.vertices[t[1]] - mesh.vertices[t[0]]).cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]);
+    EXPECT_GT(facing.z(), 0) << scale;
+  }
+}
+
 TEST(MeshFiles, AreRepairedWithANoteWhereThatIsPossible) {
   const auto remarks_of = [](TriangleMesh mesh) {
     return testing::PrintToString(clean_mesh(std::move(mesh), "m").remarks);
