@@ -4,8 +4,10 @@
 #include "base/printable.h"
 #include "base/suggest.h"
 #include "base/text_file.h"
+#include "base/units.h"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -139,6 +141,24 @@ const json* JsonReader::find(const std::string& key) {
 double JsonReader::number(const std::string& key, double fallback, double min, double max) {
   const json* value = find(key);
   return value != nullptr ? checked_number(*value, prefix_ + key, "a number", min, max) : fallback;
+}
+
+double JsonReader::length(const std::string& key, double fallback, double min, double max) {
+  constexpr std::array<std::string_view, 5> kUnits{"m", "mm", "cm", "um", "in"};
+  const json* value = find(key);
+  if (value == nullptr) return fallback;
+  const std::string name = prefix_ + key;
+  if (!value->is_string()) return checked_number(*value, name, "a number", min, max);
+  const std::string text = value->get<std::string>();
+  const std::string unit = text.substr(text.find_last_of("0123456789. ") + 1);
+  const bool known = std::find(kUnits.begin(), kUnits.end(), unit) != kUnits.end();
+  const std::optional<double> metres = known ? parse_quantity(text, "m") : std::nullopt;
+  if (!metres)
+    throw input_error(
+        fmt::format("{}: expected a length, found {}; give a number in metres, or a text with one of the "
+                    "units {}, as \"1mm\"",
+                    name, shown_json(*value), fmt::join(kUnits, ", ")));
+  return checked_number(*metres, name, "a number", min, max);
 }
 
 Vec3 JsonReader::vector(const std::string& key, const Vec3& fallback, double min, double max) {

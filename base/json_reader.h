@@ -65,6 +65,8 @@ class JsonReader {
 
   /// Returns the value, or `fallback` if the key is absent. Numbers must be finite and within [min, max].
   double number(const std::string& key, double fallback, double min = -1e300, double max = 1e300);
+  /// Reads a length [m]: a number, or a text of a number and one of the units m, mm, cm, um and in, as "1mm".
+  double length(const std::string& key, double fallback, double min, double max);
   /// Reads one number for all three axes, or an array of three.
   Vec3 vector(const std::string& key, const Vec3& fallback, double min = -1e300, double max = 1e300);
   /// Reads a direction that has a length, as a unit vector.

@@ -86,7 +86,7 @@ std::unique_ptr<Object> read_object(JsonReader& reader, SceneFiles& files) {
 PointTool read_tool(JsonReader reader) {
   const std::array<std::string, 1> kinds{"point"};
   (void)reader.choice("kind", "point", kinds);
-  PointTool tool{.radius = reader.number("radius", 0, 0, kLargestTool)};
+  PointTool tool{.radius = reader.length("radius", 0, 0, kLargestTool)};
   reader.finish();
   return tool;
 }

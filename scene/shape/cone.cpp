@@ -125,8 +125,8 @@ TriangleMesh Cone::mesh(double tolerance) const {
 std::unique_ptr<Shape> read_cone(JsonReader& reader) {
   ConeSpec spec;
   spec.centre = reader.vector("centre", spec.centre, -kFarthestCentre, kFarthestCentre);
-  spec.radius = reader.require("radius").number("radius", 0, kMinLength, kMaxLength);
-  spec.height = reader.require("height").number("height", 0, kMinLength, kMaxLength);
+  spec.radius = reader.require("radius").length("radius", 0, kMinLength, kMaxLength);
+  spec.height = reader.require("height").length("height", 0, kMinLength, kMaxLength);
   return std::make_unique<Cone>(spec);
 }
 

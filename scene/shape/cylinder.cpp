@@ -86,8 +86,8 @@ TriangleMesh Cylinder::mesh(double tolerance) const {
 std::unique_ptr<Shape> read_cylinder(JsonReader& reader) {
   CylinderSpec spec;
   spec.centre = reader.vector("centre", spec.centre, -kFarthestCentre, kFarthestCentre);
-  spec.radius = reader.require("radius").number("radius", 0, kMinLength, kMaxLength);
-  spec.height = reader.require("height").number("height", 0, kMinLength, kMaxLength);
+  spec.radius = reader.require("radius").length("radius", 0, kMinLength, kMaxLength);
+  spec.height = reader.require("height").length("height", 0, kMinLength, kMaxLength);
   return std::make_unique<Cylinder>(spec);
 }
 

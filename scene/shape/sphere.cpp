@@ -86,7 +86,7 @@ void Sphere::set(const std::string& knob, double level) {
 std::unique_ptr<Shape> read_sphere(JsonReader& reader) {
   SphereSpec spec;
   spec.centre = reader.vector("centre", spec.centre, -kMaxCentre, kMaxCentre);
-  spec.radius = reader.require("radius").number("radius", 0, kMinRadius, kMaxRadius);
+  spec.radius = reader.require("radius").length("radius", 0, kMinRadius, kMaxRadius);
   spec.renew = reader.number("renew", 0, 0, spec.radius);
   return std::make_unique<Sphere>(spec);
 }

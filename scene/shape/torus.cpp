@@ -112,8 +112,8 @@ TriangleMesh Torus::mesh(double tolerance) const {
 std::unique_ptr<Shape> read_torus(JsonReader& reader) {
   TorusSpec spec;
   spec.centre = reader.vector("centre", spec.centre, -kFarthestCentre, kFarthestCentre);
-  spec.radius = reader.require("radius").number("radius", 0, kMinLength, kMaxLength);
-  spec.tube = reader.require("tube").number("tube", 0, kMinLength, kMaxLength);
+  spec.radius = reader.require("radius").length("radius", 0, kMinLength, kMaxLength);
+  spec.tube = reader.require("tube").length("tube", 0, kMinLength, kMaxLength);
   return std::make_unique<Torus>(spec);
 }
 

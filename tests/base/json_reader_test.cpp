@@ -94,6 +94,20 @@ TEST(JsonReader, RefusesNumbersThatAreNotFinite) {
                {"options: n: inf is not a finite number"});
 }
 
+TEST(JsonReader, ReadsLengthsAsNumbersAndAsTextWithAUnit) {
+  const json object = json::parse(
+      R"({"si": 0.02, "mm": "1mm", "cm": "1.5 cm", "in": "2e0in", "bare": "1", "time": "1s", "far": "3mm"})");
+  JsonReader reader(object, "my.json");
+  EXPECT_EQ(reader.length("si", 0, 0, 1), 0.02);
+  EXPECT_DOUBLE_EQ(reader.length("mm", 0, 0, 1), 1e-3);
+  EXPECT_DOUBLE_EQ(reader.length("cm", 0, 0, 1), 0.015);
+  EXPECT_DOUBLE_EQ(reader.length("in", 0, 0, 1), 0.0508);
+  EXPECT_EQ(reader.length("absent", 0.5, 0, 1), 0.5);
+  EXPECT_THROW((void)reader.length("bare", 0, 0, 1), Error);
+  EXPECT_THROW((void)reader.length("time", 0, 0, 1), Error);
+  EXPECT_THROW((void)reader.length("far", 0, 0, 1e-3), Error);
+}
+
 TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
   const json object = json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": 0,
                                       "text": "3cm", "big": [1, 7]})");

@@ -103,6 +103,9 @@ TEST(SceneSchema, TakesWhatTheReaderTakesAndNothingElse) {
          "surface": {"table": [[0, 0], [0.001, 1]], "texture": {"kind": "reaction-diffusion", "amplitude": 0.0001,
            "side": 16, "steps": 5, "feed": 0.03, "kill": 0.06, "seed": 1,
            "mapping": {"kind": "cube", "origin": [0, 0, 0], "size": 0.05, "repeat": 2}}}}]})"),
+      json::parse(R"({"tool": {"kind": "point", "radius": "1mm"}, "objects": [
+        {"shape": {"kind": "sphere", "radius": "30 mm"}, "surface": {"stiffness": 500}},
+        {"shape": {"kind": "cylinder", "radius": "3e1mm", "height": "1.5cm"}, "surface": {"stiffness": 500}}]})"),
       json::parse(R"({"objects": [
         {"shape": {"kind": "implicit", "expression": "x^2 + y^2 + z^2 - 1e-4", "steps": 2,
                    "box": {"min": [-0.02, -0.02, -0.02], "max": [0.02, 0.02, 0.02]}},
