@@ -35,11 +35,19 @@ bool choose_virtual(ClockChoice choice, const DeviceInfo& info) {
   return choice == ClockChoice::virtual_time || (choice == ClockChoice::automatic && info.virtual_time);
 }
 
-/// Returns what a recording keeps of a scene.
+/// Returns what a recording keeps of a scene. Files in the scene's folder are named as seen from there, so that the
+/// names hold on another machine.
 RecordedScene recorded(const Scene& scene) {
-  RecordedScene kept{.text = scene.options().source.text, .objects = scene.names(), .files = {}};
-  for (const std::string& file : scene.options().source.files)
-    kept.files[std::filesystem::absolute(file).string()] = file_hash(file);
+  namespace fs = std::filesystem;
+  const SceneSource& source = scene.options().source;
+  const std::string folder = (source.folder.empty() ? fs::current_path() : fs::absolute(source.folder)).string();
+  RecordedScene kept{.text = source.text, .objects = scene.names(), .files = {}, .folder = folder};
+  for (const std::string& file : source.files) {
+    std::string name = file;
+    for (const std::string& prefix : {source.folder + "/", folder + "/"})
+      if (prefix.size() > 1 && name.starts_with(prefix)) name.erase(0, prefix.size());
+    kept.files[name] = file_hash(file);
+  }
   return kept;
 }
 

@@ -42,6 +42,7 @@ class Touchable {
 struct SceneSource {
   std::string text;                ///< of its file
   std::vector<std::string> files;  ///< paths of the files that it names
+  std::string folder;              ///< of its file; empty: the current one
 };
 
 struct SceneOptions {

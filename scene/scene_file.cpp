@@ -102,7 +102,9 @@ std::shared_ptr<Scene> read_scene(const nlohmann::json& json, const std::string&
   for (JsonReader& object : reader.require("objects").objects("objects")) objects.push_back(read_object(object, files));
   options.passivity = reader.boolean("passivity", false);
   reader.finish();
-  options.source = {.text = files.text().empty() ? json.dump(2) : files.text(), .files = files.used()};
+  options.source = {.text = files.text().empty() ? json.dump(2) : files.text(),
+                    .files = files.used(),
+                    .folder = files.folder().string()};
   try {
     return std::make_shared<Scene>(std::move(objects), options);
   } catch (const Error& error) {

@@ -17,6 +17,9 @@ class SceneFiles {
   /// Returns the text of the scene's own file; empty if the scene has none.
   [[nodiscard]] const std::string& text() const noexcept { return text_; }
 
+  /// Returns the folder of the scene's own file; empty: the current one.
+  [[nodiscard]] const std::filesystem::path& folder() const noexcept { return folder_; }
+
   /// Returns the path of a file that the scene names, and adds it to the list.
   std::string find(const std::string& name) {
     const std::filesystem::path path(name);

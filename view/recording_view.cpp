@@ -204,7 +204,7 @@ class RecordingView::Shelf final : private PageHandler {
       const auto send = [&](const nlohmann::json& message) { post_text(to, text_of(message)); };
       send(source.recording(index, list_[index].name));
       if (const RecordedScene& scene = source.header().scene; !scene.empty()) {
-        const std::vector<ShownObject> objects = shown_objects(scene);
+        const std::vector<ShownObject> objects = shown_objects(scene, list_[index].file);
         send(scene_message(objects, ++scenes_));
         for (Frame& mesh : mesh_frames(objects, scenes_)) post_frame(to, std::move(mesh));
       }

@@ -7,6 +7,7 @@
 #include "scene/scene_file.h"
 #include "scene/scene_files.h"
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 namespace haptrace {
@@ -35,12 +36,27 @@ std::vector<Frame> mesh_frames(const std::vector<ShownObject>& objects, std::uin
   return frames;
 }
 
-std::vector<ShownObject> shown_objects(const RecordedScene& scene) {
+namespace {
+
+/// Returns the path of a file that has this hash, in the first folder that has one. An absolute name, as in early
+/// recordings, is the path itself.
+std::string found_file(const std::string& name, const std::string& hash,
+                       const std::vector<std::filesystem::path>& folders) {
+  for (const std::filesystem::path& folder : folders) {
+    const std::filesystem::path path = folder / name;
+    std::error_code error;
+    if (std::filesystem::is_regular_file(path, error) && file_hash(path.string()) == hash) return path.string();
+  }
+  throw input_error(name + ": is missing or has changed since the recording");
+}
+
+}  // namespace
+
+std::vector<ShownObject> shown_objects(const RecordedScene& scene, const std::string& recording) {
   try {
-    for (const auto& [file, hash] : scene.files)
-      if (file_hash(file) != hash) throw input_error(file + ": has changed since the recording");
+    const std::vector<std::filesystem::path> folders{std::filesystem::path(recording).parent_path(), scene.folder};
     SceneFiles files;
-    for (const auto& [file, hash] : scene.files) files.expect(file);
+    for (const auto& [name, hash] : scene.files) files.expect(found_file(name, hash, folders));
     const nlohmann::json json = parse_json(scene.text, "the scene of the recording");
     return shown_objects(*read_scene(json, "the scene of the recording", files));
   } catch (const Error&) {

@@ -17,7 +17,8 @@ nlohmann::json scene_message(const std::vector<ShownObject>& objects, std::uint3
 /// Returns the meshes of the objects that have one, for the scene with this id.
 std::vector<Frame> mesh_frames(const std::vector<ShownObject>& objects, std::uint32_t id);
 
-/// Returns the objects of a recorded scene. Objects whose files are no longer there, or have changed, have no mesh.
-std::vector<ShownObject> shown_objects(const RecordedScene& scene);
+/// Returns the objects of a recorded scene. Its files are sought beside the recording, and then in the folder of the
+/// scene file. If one is in neither, or has changed, the objects have no mesh.
+std::vector<ShownObject> shown_objects(const RecordedScene& scene, const std::string& recording);
 
 }  // namespace haptrace

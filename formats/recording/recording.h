@@ -21,9 +21,11 @@ struct RecordingSummary;
 
 /// The scene of a session, as its recording keeps it.
 struct RecordedScene {
-  std::string text;                          ///< of the scene file; empty: the session had no scene
-  std::vector<std::string> objects;          ///< names, in the order of ContactSample::object
-  std::map<std::string, std::string> files;  ///< files that the scene names, and their hashes
+  std::string text;                  ///< of the scene file; empty: the session had no scene
+  std::vector<std::string> objects;  ///< names, in the order of ContactSample::object
+  /// Files that the scene names, as seen from its folder, and their hashes. Early recordings have absolute paths.
+  std::map<std::string, std::string> files;
+  std::string folder;  ///< of the scene file, on the machine that recorded; empty: not known
 
   [[nodiscard]] bool empty() const noexcept { return text.empty(); }
 };

@@ -123,6 +123,7 @@ inline constexpr const char* kContactsChecksum = "contacts_checksum";
 inline constexpr const char* kScene = "/scene";
 inline constexpr const char* kSceneText = "text";
 inline constexpr const char* kSceneObjects = "objects";
+inline constexpr const char* kSceneFolder = "folder";
 inline constexpr const char* kSceneFile = "file:";  ///< prefix of the attribute of a file
 
 /// A field of a row of /overview and its member of RecordingSummary: one or three numbers of 8 bytes.

@@ -39,6 +39,7 @@ RecordedScene read_scene_group(hid_t file, const std::string& name) {
     std::string value;
     if (!hdf5::read_attribute(group.get(), key.c_str(), value)) continue;
     if (key == layout::kSceneText) scene.text = value;
+    if (key == layout::kSceneFolder) scene.folder = value;
     if (key == layout::kSceneObjects) {
       const nlohmann::json names = parse_json(value, fmt::format("{}: {}", name, layout::kScene));
       for (const nlohmann::json& object : names)

@@ -296,6 +296,7 @@ void make_utf8(RecordingHeader& header) {
   for (const auto& [key, value] : header.meta) meta[utf8_text(key)] = utf8_text(value);
   header.meta = std::move(meta);
   header.scene.text = utf8_text(header.scene.text);
+  header.scene.folder = utf8_text(header.scene.folder);
   for (std::string& name : header.scene.objects) name = utf8_text(name);
 }
 
@@ -308,6 +309,7 @@ void create_scene(hid_t file, const RecordedScene& scene) {
       checked(H5Gcreate2(file, layout::kScene, H5P_DEFAULT, creation.get(), H5P_DEFAULT), layout::kScene));
   hdf5::create_attribute(group.get(), layout::kSceneText, scene.text);
   hdf5::create_attribute(group.get(), layout::kSceneObjects, dump(nlohmann::json(scene.objects)));
+  if (!scene.folder.empty()) hdf5::create_attribute(group.get(), layout::kSceneFolder, scene.folder);
   for (const auto& [name, hash] : scene.files)
     hdf5::create_attribute(group.get(), (layout::kSceneFile + name).c_str(), hash);
 }

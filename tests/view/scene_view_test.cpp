@@ -1,4 +1,5 @@
 // A virtual scene on the page: its message, its meshes and the columns of its contacts.
+#include "base/file_hash.h"
 #include "formats/recording/recording.h"
 #include "player/record.h"
 #include "scene/scene.h"
@@ -8,6 +9,7 @@
 #include "tests/view/page_client.h"
 #include "view/live_view.h"
 #include "view/recording_view.h"
+#include "view/scene_messages.h"
 #include "view/shown_scene.h"
 
 #include <cmath>
@@ -39,6 +41,32 @@ TEST(ShownScene, HasAMeshOfEveryObjectWithinTheLimitsOfAPage) {
     EXPECT_NEAR(vertex.z(), -0.02, 1e-9);
     EXPECT_LT(vertex.norm(), 0.2) << "cut off around the ball";
   }
+}
+
+TEST(ShownScene, OfARecordingFindsItsFilesBesideItOrInTheFolderOfItsScene) {
+  const TempFolder home, copy;
+  const std::string cup = "v 0 0 0\nv 0.02 0 0\nv 0 0.02 0\nv 0 0 0.02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+  const std::string hash = file_hash(home.write("cup.obj", cup));
+  RecordedScene scene{.text = R"({"objects": [{"kind": "mesh", "name": "cup", "file": "cup.obj", "stiffness": 500}]})",
+                      .objects = {"cup"},
+                      .files = {{"cup.obj", hash}},
+                      .folder = home.path()};
+  const auto has_mesh = [&] {
+    const std::vector<ShownObject> objects = shown_objects(scene, copy / "a.h5");
+    EXPECT_EQ(objects.size(), 1U);
+    EXPECT_EQ(objects.at(0).name, "cup");
+    return !objects.at(0).mesh.triangles.empty();
+  };
+  EXPECT_TRUE(has_mesh()) << "in the folder of the scene";
+  scene.folder = "/nowhere";
+  EXPECT_FALSE(has_mesh());
+  (void)copy.write("cup.obj", cup);
+  EXPECT_TRUE(has_mesh()) << "copied along with the recording";
+  (void)copy.write("cup.obj", cup + "# changed\n");
+  EXPECT_FALSE(has_mesh());
+  scene.folder = "";
+  scene.files = {{home / "cup.obj", hash}};
+  EXPECT_TRUE(has_mesh()) << "an early recording has the whole path";
 }
 
 TEST(ShownScene, ThinsAMeshThatIsTooLarge) {

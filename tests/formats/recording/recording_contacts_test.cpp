@@ -34,7 +34,8 @@ std::vector<ContactSample> random_contacts(unsigned seed, std::size_t ticks) {
 RecordedScene some_scene() {
   return {.text = R"({"objects": [{"kind": "mesh", "file": "cup.obj"}]})" + std::string(100'000, ' '),
           .objects = {"cup", "floor", "ball", "w\u00e4nde"},
-          .files = {{"parts/cup.obj", "xxh3:0123456789abcdef"}}};
+          .files = {{"parts/cup.obj", "xxh3:0123456789abcdef"}, {"/old/absolute.obj", "xxh3:0000000000000000"}},
+          .folder = "/home/w\u00e4nde"};
 }
 
 void write_touches(const std::string& file, std::span<const Sample> session, std::span<const ContactSample> contacts,
@@ -79,6 +80,7 @@ TEST(RecordedContacts, AreKeptToTheBitWithTheirScene) {
     EXPECT_EQ(scene.text, some_scene().text);
     EXPECT_EQ(scene.objects, some_scene().objects);
     EXPECT_EQ(scene.files, some_scene().files);
+    EXPECT_EQ(scene.folder, some_scene().folder);
     expect_conforming(file);
   }
 }
