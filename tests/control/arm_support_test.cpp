@@ -116,8 +116,9 @@ TEST(ArmSupport, GivesALightHandleThatNobodyHoldsNoSpeedAndNoPushAgainstTheTop) 
         speeds.push_back(speed);
         fastest = std::max(fastest, speed);
       }
+      EXPECT_NEAR(speed, 0, 1e-2) << "it comes to rest";
       EXPECT_LT(fastest, ArmSupport::kFastest) << mass << " kg, " << late << " ticks";
-      EXPECT_LE(height, 0.05 + 0.02) << mass << " kg, " << late << " ticks";
+      EXPECT_LE(height, 0.05 + 0.06) << mass << " kg, " << late << " ticks";
     }
 }
 

@@ -35,7 +35,7 @@ SessionResult recorded(Device& device, SessionOptions session, double seconds, L
   StopRequest stop;
   int ticks = 0;
   test::Scripted nothing([&](const State&) {
-    if (++ticks > 1000 * seconds) stop.raise();
+    if (++ticks == 1000 * seconds) stop.raise();
     return Command{.phase = Phase::run};
   });
   SampleSink* const sinks[] = {&log};
@@ -136,7 +136,7 @@ TEST(Support, EndsBelowTheTopOfTheWorkspaceWhereAHandleThatNobodyHoldsStops) {
     double fastest = 0;
     for (const Sample& sample : log.samples) fastest = std::max(fastest, sample.velocity.y());
     EXPECT_LT(fastest, ArmSupport::kFastest) << mass;
-    EXPECT_LE(log.samples.back().position.y(), device.info().workspace_max.y() + 0.02) << mass;
+    EXPECT_LE(log.samples.back().position.y(), device.info().workspace_max.y() + 0.06) << mass;
     EXPECT_NEAR(log.samples.at(7900).velocity.y(), 0, 0.01) << mass;
   }
 }
@@ -167,9 +167,10 @@ TEST(Support, RelievesAHandWhoseArmIsHeavy) {
   Path path = make_shape("circle", {.size = 0.06, .duration = 4, .turns = 2});
   const std::string intent = folder / "circle.csv";
   save_path(path, intent, "circle", true);
-  const auto device_json = folder.write("heavy.json", R"({"preset": "omega3", "gravity_bias": [0, -2, 0]})");
+  const auto device_json = folder.write("heavy.json", R"({"gravity_bias": [0, -2, 0]})");
   const auto sag = [&](double force) {
-    const auto device = open_device(fmt::format("sim:spec={},hand=relaxed,seed=3,intent={}", device_json, intent));
+    const auto device =
+        open_device(fmt::format("sim:preset=omega3,spec={},hand=relaxed,seed=3,intent={}", device_json, intent));
     GuideOptions options{.free = true};
     options.guidance.led = false;
     options.guidance.max_deviation = 10;

@@ -298,7 +298,7 @@ TEST(WeighAssessment, IsALowerBoundForAnArmThatIsTooHeavyAndNoResultForOneThatDo
   EXPECT_THAT(heavy.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over))
       << "the lock gives way, and spoils the trial";
   const AssessedTrial moving = assessed(weighing(), carrying(8), course, [](double since, const Vec3&, const Vec3& v) {
-    return Vec3(Vec3(0, since < 0 ? 0 : -2 + 2 * std::sin(9 * since), 0) - 5 * v);
+    return Vec3(Vec3(0, since < 0 ? 0 : -4 + 3 * std::sin(9 * since), 0) - 5 * v);
   });
   EXPECT_THAT(moving.figures.weigh.value_or(WeighFigures{}).refused, HasSubstr("so it did not rest"));
   const AssessedTrial nobody = assessed(weighing(), carrying(8), course, [](double, const Vec3& p, const Vec3& v) {
