@@ -185,6 +185,46 @@ test("with --control the page changes a gain and sets a mark; without it there i
   assert.deepEqual(page.errors, []);
 });
 
+for (const [verb, about] of [["play", ["--repeat", "200"]], ["guide", ["--radius", "5mm", "--repeat", "200"]]]) {
+  test(`the page pauses ${verb} and resumes it, and says so`, async (t) => {
+    const folder = scratch(t);
+    const session = await start(t, verb, await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", ...about, "--view", "--no-browser", "--control");
+    const page = await open(t, await browser(t), session.address);
+    const pill = (word) => page.waitForFunction((text) => document.querySelector(".pill.live").textContent === text, word);
+    const pause = page.locator(".actions .first");
+    await pill("Live");
+    assert.equal(await pause.getAttribute("aria-label"), "Pause the session");
+    await pause.click();
+    await pill("Paused");
+    assert.equal(await pause.isEnabled(), true);
+    assert.equal(await pause.getAttribute("aria-label"), "Resume the session");
+    // One press asks, a second one resumes: the device will move.
+    await page.evaluate(() => {
+      const resume = document.querySelector(".actions .first");
+      resume.click();
+      resume.click();
+    });
+    await pill("Live");
+    assert.equal(await pause.getAttribute("aria-label"), "Pause the session");
+    assert.deepEqual(page.errors, []);
+  });
+}
+
+test("no key freezes the trainee's picture, and the page of a playback has words for the trainee", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.trainee(), { viewport: { width: 320, height: 480 } });
+  await page.waitForFunction(() => document.querySelector(".training-word").textContent === "The device moves you");
+  for (const key of ["Space", "k", "ArrowLeft", "ArrowRight", "PageUp", ",", "j", "?"]) await page.keyboard.press(key);
+  assert.equal((await state(page)).following, true);
+  assert.equal(await page.locator("dialog").count(), 0);
+  assert.deepEqual(await page.evaluate(() => [...document.querySelectorAll(".training-words, .training-start, .training-stop")]
+    .filter((e) => e.checkVisibility())
+    .map((e) => e.getBoundingClientRect())
+    .filter((box) => box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight).length), 0);
+  assert.deepEqual(page.errors, []);
+});
+
 // Keeps the main thread of the page busy `times` times for `busy` ms, with short breaks for what waits. Returns the
 // longest time from break to break [ms]: what waits takes long on a machine that has other work.
 const occupy = (page, busy, times) => page.evaluate(async ([ms, count]) => {
