@@ -64,7 +64,7 @@ async function stopIsBesideDialogs(page, size) {
     assert.deepEqual(await page.evaluate(() => {
       const stop = document.querySelector("[data-stop]"), box = stop.getBoundingClientRect();
       const dialog = document.querySelector("dialog").getBoundingClientRect();
-      const covered = [[box.left + 2, box.top + 2], [box.right - 2, box.bottom - 2], [(box.left + box.right) / 2, (box.top + box.bottom) / 2]]
+      const covered = [[box.left + 6, box.top + 6], [box.right - 6, box.bottom - 6], [(box.left + box.right) / 2, (box.top + box.bottom) / 2]]
         .filter(([x, y]) => !stop.contains(document.elementFromPoint(x, y)));
       return { covered: covered.length, inside: dialog.left >= 0 && dialog.top >= 0 && dialog.right <= innerWidth && dialog.bottom <= innerHeight, high: dialog.height >= 100 };
     }), { covered: 0, inside: true, high: true }, `${size}, beside ${what}`);
