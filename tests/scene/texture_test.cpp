@@ -122,26 +122,32 @@ TEST_F(Textures, TakeAndGiveNoWorkInAClosedScanOfAPotential) {
 }
 
 TEST_F(Textures, GiveWorkInAClosedScanUnderTheBumpLaw) {
-  Alone object(R"({"kind": "plane", "point": 0, "normal": [0, 0, 1], "stiffness": 1000, "texture": {"law": "bump",)" +
-               all_.at("Perlin") + "}}");
-  double given = 0, work = 0;
-  Contact before;
-  Vec3 last = Vec3::Zero();
-  constexpr int kSteps = 100'000;
-  for (int i = 0; i <= kSteps; ++i) {
-    const double a = 2 * pi * i / kSteps;
-    const Vec3 place(5e-3 * std::cos(a), 3e-3 * std::sin(a), -2e-3 - 1e-3 * std::cos(a + 0.7));
-    const Contact contact = object.answer({.position = place, .dt = 1e-3});
-    EXPECT_NEAR(contact.force.norm(), 1000 * contact.depth, 1e-9) << "it turns the force and keeps its size";
-    if (i > 0) {
-      const double done = 0.5 * (before.force + contact.force).dot(place - last);
-      given += done;
-      work += std::abs(done);
+  const auto share_of = [](const std::string& keys) {
+    Alone object(R"({"kind": "plane", "point": 0, "normal": [0, 0, 1], "stiffness": 1000, "texture": {"law": "bump",)" +
+                 keys + "}}");
+    double given = 0, work = 0;
+    Contact before;
+    Vec3 last = Vec3::Zero();
+    constexpr int kSteps = 100'000;
+    for (int i = 0; i <= kSteps; ++i) {
+      const double a = 2 * pi * i / kSteps;
+      const Vec3 place(5e-3 * std::cos(a), 3e-3 * std::sin(a), -2e-3 - 1e-3 * std::cos(a + 0.7));
+      const Contact contact = object.answer({.position = place, .dt = 1e-3});
+      EXPECT_NEAR(contact.force.norm(), 1000 * contact.depth, 1e-9) << "it turns the force and keeps its size";
+      if (i > 0) {
+        const double done = 0.5 * (before.force + contact.force).dot(place - last);
+        given += done;
+        work += std::abs(done);
+      }
+      before = contact;
+      last = place;
     }
-    before = contact;
-    last = place;
-  }
-  EXPECT_GT(std::abs(given), 1e-4 * work) << "this is what the potential avoids";
+    return std::abs(given) / work;
+  };
+  for (const auto& [name, keys] : all_) EXPECT_LT(share_of(keys), 0.03) << name << ", as docs/scene.md states";
+  const double sine = share_of(R"("kind": "fourier", "waves": [{"wavelength": 2e-3, "amplitude": 2e-4}])");
+  EXPECT_GT(sine, 5e-3) << "this is what the potential avoids";
+  EXPECT_LT(sine, 0.015);
 }
 
 TEST(ExpressionTexture, IsItsFormulaAndDeclaresItsMeasuredAmplitude) {
