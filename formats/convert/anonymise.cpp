@@ -17,8 +17,9 @@ namespace {
 using nlohmann::json;
 
 /// Options whose texts name a choice, and device options whose values do.
-constexpr std::array<std::string_view, 10> kChoices{"verb",   "clock", "velocity",      "on-deviation", "on-page-lost",
-                                                    "method", "mode",  "interpolation", "shape",        "plane"};
+constexpr std::array<std::string_view, 11> kChoices{"verb",          "clock",        "up",     "velocity",
+                                                    "on-deviation",  "on-page-lost", "method", "mode",
+                                                    "interpolation", "shape",        "plane"};
 constexpr std::array<std::string_view, 8> kDeviceChoices{"preset",     "hand",       "seed", "emulated",
                                                          "integrator", "generation", "fit",  "fault"};
 /// Options whose values users choose freely. One may look like a number, such as that of a participant.

@@ -217,7 +217,7 @@ TEST(SimCable, StaysUnpluggedWithoutAConfiguredTime) {
 
 TEST(SimCable, RejectsInvalidOptions) {
   EXPECT_THAT(open_error("sim:lost_at=-1"), HasSubstr("lost_at: expected a number from 0 s, found '-1'"));
-  EXPECT_THAT(open_error("sim:lost_at=2s"), HasSubstr("lost_at: expected a number from 0 s, found '2s'"));
+  EXPECT_THAT(open_error("sim:lost_at=2kg"), HasSubstr("lost_at:"));
   EXPECT_THAT(open_error("sim:lost_at=nan"), HasSubstr("lost_at: expected a number"));
   EXPECT_THAT(open_error("sim:lost_for=1"), HasSubstr("set it with lost_at"));
 }
