@@ -285,11 +285,11 @@ void WaveHeight::measure() {
   range_.high = std::min(sum, kRare * std::sqrt(0.5 * squares));
   range_.low = -range_.high;
   // The sum of the slopes along a direction is largest along one of these, or 2 % less: a spiral on a hemisphere.
-  constexpr int kDirections = 200;
+  constexpr int kOnSpiral = 200;
   constexpr double kGoldenAngle = 2.399963229728653, kBetween = 1.02;
   double steepest = 0;
-  for (int i = 0; i < kDirections; ++i) {
-    const double z = (i + 0.5) / kDirections, around = std::sqrt(1 - z * z);
+  for (int i = 0; i < kOnSpiral; ++i) {
+    const double z = (i + 0.5) / kOnSpiral, around = std::sqrt(1 - z * z);
     const Vec3 direction(around * std::cos(kGoldenAngle * i), around * std::sin(kGoldenAngle * i), z);
     double along = 0;
     for (std::size_t w = 0; w < used_; ++w) along += std::abs(waves_[w].amplitude * waves_[w].number.dot(direction));
