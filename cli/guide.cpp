@@ -338,7 +338,7 @@ void open_spread(const Arguments& arguments, const Output& output, GuideOptions&
 /// Moves the expert's path and those of --spread to where the trainee is guided, and returns the change.
 PathChange place_paths(const Arguments& arguments, Device& device, GuideOptions& options,
                        std::shared_ptr<const PathSource>& expert) {
-  const PathChange change = arguments.along.change(device);
+  PathChange change = arguments.along.change(device);
   const Similarity moved = similarity_of(change, *expert);
   expert = changed(std::move(expert), moved);
   for (auto& other : options.spread) other = changed(std::move(other), moved);

@@ -379,7 +379,7 @@ PathChange place_path(const PlayArguments& arguments, Device& device, PlayOption
   if (options.impedance && !options.impedance->by_place &&
       std::filesystem::equivalent(arguments.path, arguments.impedance, none))
     for (double& t : options.impedance->at) t -= path->facts().begin;
-  const PathChange change = arguments.along.change(device);
+  PathChange change = arguments.along.change(device);
   const Similarity moved = similarity_of(change, *path);
   path = changed(std::move(path), moved);
   keep_applied(options.session, "path_change", describe(change));

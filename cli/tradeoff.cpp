@@ -367,7 +367,7 @@ Budget budget_of(const CLI::App& verb, const TradeoffArguments& arguments) {
   check_range("--runs", static_cast<double>(arguments.runs), 1, 100);
   check_range("--learn", arguments.learn, 0, 20);
   check_range("--speed", arguments.base.speed, 0.001, 100);
-  const Budget budget = arguments.budget.empty() ? Budget{} : parse_budget(arguments.budget);
+  Budget budget = arguments.budget.empty() ? Budget{} : parse_budget(arguments.budget);
   if (arguments.no_instructions) check_counted(budget);
   return budget;
 }

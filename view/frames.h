@@ -20,7 +20,7 @@ enum class FrameKind : std::uint8_t { samples = 1, state = 2, bins = 3, path = 4
 
 /// Flags of a frame; they may be combined.
 struct FrameFlags {
-  static constexpr std::uint16_t gap = 1, backfill = 2, cut = 4, coarse = 8;
+  static constexpr std::uint16_t kGap = 1, kBackfill = 2, kCut = 4, kCoarse = 8;
 };
 
 inline constexpr std::size_t kFrameHeader = 32;  // [bytes]

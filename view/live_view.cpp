@@ -282,9 +282,9 @@ class LiveView::Sessions final : private PageHandler {
       ViewRows part(rows.planes.size());
       part.add(rows, first, std::min(kLargestBatch, rows.size() - first));
       Frame frame = frame_of(part);
-      frame.flags = FrameFlags::backfill;
+      frame.flags = FrameFlags::kBackfill;
       if (first == 0 && rows.time_ns.front() > nanoseconds(last + 2 / session_->rate_hz))
-        frame.flags |= FrameFlags::gap;
+        frame.flags |= FrameFlags::kGap;
       frame.sent = source_->time();
       page.answer(std::move(frame));
     }
@@ -494,7 +494,7 @@ class LiveView::Sessions final : private PageHandler {
       ViewRows part(rows.planes.size());
       part.add(rows, first, std::min(kLargestBatch, rows.size() - first));
       Frame frame = frame_of(part);
-      if (first == 0 && sink.lost() > lost_told_) frame.flags |= FrameFlags::gap;
+      if (first == 0 && sink.lost() > lost_told_) frame.flags |= FrameFlags::kGap;
       stream(std::move(frame), PageWants::samples);
     }
     lost_told_ = sink.lost();

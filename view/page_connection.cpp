@@ -122,12 +122,12 @@ void PageConnection::stream(SharedFrame frame) {
     gap_ = gap_ || !data_.empty();
     for (const Queued& queued : data_) {
       data_bytes_ -= queued.frame->bytes();
-      gap_ = gap_ || (queued.flags & FrameFlags::gap) != 0;
+      gap_ = gap_ || (queued.flags & FrameFlags::kGap) != 0;
     }
     data_.clear();
   }
   data_bytes_ += frame->bytes();
-  data_.push_back({std::move(frame), gap_ ? FrameFlags::gap : std::uint16_t{0}, now});
+  data_.push_back({std::move(frame), gap_ ? FrameFlags::kGap : std::uint16_t{0}, now});
   gap_ = false;
   pump();
 }

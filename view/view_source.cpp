@@ -32,7 +32,7 @@ Frame answer_from(History& history, const ViewRequest& request, std::int64_t fir
     const bool outside = nanoseconds(request.t1) < first_ns || nanoseconds(request.t0) > last_ns;
     const ViewRows rows = outside ? ViewRows() : history.rows(from, to, kMostRows, cut);
     frame = frame_of(rows);
-    if (cut) frame.flags |= FrameFlags::cut;
+    if (cut) frame.flags |= FrameFlags::kCut;
   } else {
     frame = frame_of(history.bins(from, to, history.bin_width(from, to, request.pixels), request.channels));
   }

@@ -199,7 +199,7 @@ void ViewedRecording::ask(const ViewRequest& request, const Reply& reply) {
   }
   if (!missing) {
     Frame frame = answer_from(*history_, bounded, first_ns_, last_ns_);
-    if (rows && bounded.t1 < std::min(request.t1, seconds(last_ns_))) frame.flags |= FrameFlags::cut;
+    if (rows && bounded.t1 < std::min(request.t1, seconds(last_ns_))) frame.flags |= FrameFlags::kCut;
     return reply(std::move(frame));
   }
   wanted_.push_front(request);
@@ -240,7 +240,7 @@ Frame ViewedRecording::coarse(const ViewRequest& request) {
   }
   Frame frame = frame_of(bins);
   frame.request = request.id;
-  frame.flags |= FrameFlags::coarse;
+  frame.flags |= FrameFlags::kCoarse;
   return frame;
 }
 

@@ -42,13 +42,13 @@ int main(int argc, char** argv) {
 
   bool coarse = false;
   start = Clock::now();
-  recording.ask(all, [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::coarse) != 0; });
+  recording.ask(all, [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::kCoarse) != 0; });
   fmt::print("first picture of everything: {:.1f} ms{}\n", since(start), coarse ? ", from the overview" : "");
   for (const double window : {10.0, 60.0, 600.0, 3600.0}) {
     start = Clock::now();
     recording.ask(
         {.t0 = recording.duration() / 2, .t1 = recording.duration() / 2 + window, .pixels = 1600, .channels = channels},
-        [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::coarse) != 0; });
+        [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::kCoarse) != 0; });
     fmt::print("first picture of {:.0f} s in the middle: {:.1f} ms{}\n", window, since(start),
                coarse ? ", coarse" : "");
   }

@@ -576,7 +576,7 @@ TEST(LiveView, AfterAReconnectThePageGetsTheRowsThatItMissed) {
       continue;
     }
     const BinaryMessage rows = page.wait_for_binary(1);
-    EXPECT_EQ(rows.flags, FrameFlags::backfill);
+    EXPECT_EQ(rows.flags, FrameFlags::kBackfill);
     EXPECT_NEAR(rows.t0, first_row, 1e-9);
     EXPECT_EQ(rows.rows, 500U);
   }
@@ -589,7 +589,7 @@ TEST(LiveView, AfterAReconnectThePageGetsTheRowsThatItMissed) {
   PageClient page(port_of(view.address(ViewRole::therapist)));
   page.hello(token_of(view.address(ViewRole::therapist)), 1.0);
   const BinaryMessage rows = page.wait_for_binary(1);
-  EXPECT_EQ(rows.flags, FrameFlags::backfill | FrameFlags::gap);
+  EXPECT_EQ(rows.flags, FrameFlags::kBackfill | FrameFlags::kGap);
   EXPECT_NEAR(rows.t0, 8, 1e-9) << "twelve seconds at most";
 }
 

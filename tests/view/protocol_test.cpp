@@ -26,8 +26,8 @@ TEST(ViewProtocol, RowsTravelAsPlanesAfterAHeaderOf32Bytes) {
   rows.add(1'001'000'000, std::vector<float>{2, 20});
   Frame frame = frame_of(rows);
   frame.request = 5;
-  frame.flags = FrameFlags::cut;
-  const BinaryMessage message = sent(frame, 7, FrameFlags::gap);
+  frame.flags = FrameFlags::kCut;
+  const BinaryMessage message = sent(frame, 7, FrameFlags::kGap);
   EXPECT_EQ(message.kind, 1);
   EXPECT_EQ(message.version, 1);
   EXPECT_EQ(message.flags, 5);

@@ -368,7 +368,7 @@ TEST_F(ViewServerTest, ASlowPageLosesDataAndIsToldSoWhileOthersGetEverything) {
   bool gap = false;
   for (std::uint32_t last = 0; last != kFrames;) {
     const auto got = slow.wait_for_binary([](const test::BinaryMessage&) { return true; });
-    EXPECT_EQ((got.flags & FrameFlags::gap) != 0, got.rows != before + 1) << got.rows << " after " << before;
+    EXPECT_EQ((got.flags & FrameFlags::kGap) != 0, got.rows != before + 1) << got.rows << " after " << before;
     gap = gap || got.flags != 0;
     EXPECT_EQ(got.sequence, ++frames);
     last = before = got.rows;

@@ -103,9 +103,9 @@ class EveryViewSource : public testing::TestWithParam<SourceCase> {
   BinaryMessage ask(const ViewRequest& request) {
     std::optional<BinaryMessage> answer;
     do source->ask(request, [&](const Frame& frame) { answer = message_of(frame); });
-    while ((answer->flags & FrameFlags::coarse) != 0 && work());
+    while ((answer->flags & FrameFlags::kCoarse) != 0 && work());
     EXPECT_EQ(answer->request, request.id);
-    EXPECT_EQ(answer->flags & FrameFlags::coarse, 0);
+    EXPECT_EQ(answer->flags & FrameFlags::kCoarse, 0);
     return *answer;
   }
 
@@ -147,7 +147,7 @@ TEST_P(EveryViewSource, ItsRowsEqualTheRecordedOnesInSinglePrecision) {
 TEST_P(EveryViewSource, AnAnswerHasAtMost20000RowsAndSaysWhenItIsCutOff) {
   const BinaryMessage answer = ask({.kind = ViewRequest::Kind::rows, .id = 1, .t0 = 0, .t1 = 1000});
   EXPECT_EQ(answer.rows, 20'000U);
-  EXPECT_NE(answer.flags & FrameFlags::cut, 0);
+  EXPECT_NE(answer.flags & FrameFlags::kCut, 0);
   EXPECT_NEAR(answer.t0, 1e-9 * static_cast<double>(rows.front().time_ns), 1e-9);
 }
 
@@ -234,7 +234,7 @@ TEST_F(ViewedRecordingTest, BeforeItIsBuiltBinsComeFromTheOverviewAndContainTheE
   const auto keep = [&](Frame frame) { answers.push_back(std::move(frame)); };
   recording.ask(all, keep);
   ASSERT_EQ(answers.size(), 1U) << "at once";
-  EXPECT_NE(answers[0].flags & FrameFlags::coarse, 0);
+  EXPECT_NE(answers[0].flags & FrameFlags::kCoarse, 0);
   while (recording.work()) {
   }
   recording.ask(all, keep);
@@ -256,7 +256,7 @@ TEST_F(ViewedRecordingTest, AShortStretchIsBuiltBeforeALongOneAndThenItsNeighbou
   write(400'000);
   ViewedRecording recording(file, std::chrono::milliseconds(0));
   bool coarse = false;
-  const auto note = [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::coarse) != 0; };
+  const auto note = [&](const Frame& frame) { coarse = (frame.flags & FrameFlags::kCoarse) != 0; };
   const ViewRequest near_end{.id = 1, .t0 = 300, .t1 = 320, .pixels = 50, .channels = {0}};
   const ViewRequest all{.id = 2, .t0 = 0, .t1 = 1e6, .pixels = 50, .channels = {0}};
   recording.ask(near_end, note);
