@@ -20,7 +20,7 @@ test("Each state has its words", () => {
   // In a free exercise no force leads the hand.
   assert.equal(wordsOf("approach", { mode: "free" }, NaN).word, "Move to the ring");
   // Modes with a cue begin with a hold in the start.
-  for (const mode of ["reach", "range", "press", "track"])
+  for (const mode of ["reach", "range", "press", "track", "weigh"])
     assert.equal(wordsOf("approach", { mode }, NaN).sentence, "Hold still there and wait for Go");
   assert.deepEqual([words.question.word, words.question.sentence], ["Which was farther?", "Say first or second"]);
   assert.deepEqual([words.go.word, words.go.tone], ["Go", "go"]);

@@ -91,7 +91,7 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       // In a free exercise no force leads the hand. A reach has a hold in the start, until the cue.
       if (training?.mode === "free") {
         words.word = "Move to the ring";
-      } else if (["reach", "range", "press", "track"].includes(training?.mode ?? "")) {
+      } else if (["reach", "range", "press", "track", "weigh"].includes(training?.mode ?? "")) {
         words.word = "Move to the ring";
         words.sentence = "Hold still there and wait for Go";
       } else {
