@@ -94,30 +94,42 @@ TEST_F(Textures, HaveTheGradientOfTheirHeight) {
   }
 }
 
+struct Scan {
+  double given = 0;  ///< net work of the contact on the tool [J]
+  double work = 0;   ///< sum of the magnitudes [J]
+};
+
+/// Moves a tool once along a closed ellipse of 5 by 3 mm, 1 to 3 mm deep, and calls `look` with every contact.
+template <class Look>
+Scan closed_scan(Alone& object, int steps, const Look& look) {
+  Scan scan;
+  Contact before;
+  Vec3 last = Vec3::Zero();
+  for (int i = 0; i <= steps; ++i) {
+    const double a = 2 * pi * i / steps;
+    const Vec3 place(5e-3 * std::cos(a), 3e-3 * std::sin(a), -2e-3 - 1e-3 * std::cos(a + 0.7));
+    const Contact contact = object.answer({.position = place, .dt = 1e-3});
+    look(contact);
+    if (i > 0) {
+      const double done = 0.5 * (before.force + contact.force).dot(place - last);
+      scan.given += done;
+      scan.work += std::abs(done);
+    }
+    before = contact;
+    last = place;
+  }
+  return scan;
+}
+
 TEST_F(Textures, TakeAndGiveNoWorkInAClosedScanOfAPotential) {
   for (const char* shape : {R"("kind": "plane", "point": 0, "normal": [0, 0, 1])",
                             R"("kind": "sphere", "radius": 0.03, "centre": [0, 0, -0.03])"})
     for (const auto& [name, keys] : all_) {
       if (name.starts_with("Cell")) continue;  // see below: the force jumps at its kinks
       Alone object(fmt::format(R"({{{}, "stiffness": 1000, "texture": {{{}}}}})", shape, keys));
-      double given = 0, work = 0;
-      Contact before;
-      Vec3 last = Vec3::Zero();
-      constexpr int kSteps = 200'000;
-      for (int i = 0; i <= kSteps; ++i) {
-        const double a = 2 * pi * i / kSteps;
-        const Vec3 place(5e-3 * std::cos(a), 3e-3 * std::sin(a), -2e-3 - 1e-3 * std::cos(a + 0.7));
-        const Contact contact = object.answer({.position = place, .dt = 1e-3});
-        if (i > 0) {
-          const double done = 0.5 * (before.force + contact.force).dot(place - last);
-          given += done;
-          work += std::abs(done);
-        }
-        before = contact;
-        last = place;
-      }
-      EXPECT_GT(work, 1e-3) << name;
-      EXPECT_LT(std::abs(given), 2e-7 * work) << name << " on " << shape;
+      const Scan scan = closed_scan(object, 200'000, [](const Contact&) {});
+      EXPECT_GT(scan.work, 1e-3) << name;
+      EXPECT_LT(std::abs(scan.given), 2e-7 * scan.work) << name << " on " << shape;
     }
 }
 
@@ -125,24 +137,10 @@ TEST_F(Textures, GiveWorkInAClosedScanUnderTheBumpLaw) {
   const auto share_of = [](const std::string& keys) {
     Alone object(R"({"kind": "plane", "point": 0, "normal": [0, 0, 1], "stiffness": 1000, "texture": {"law": "bump",)" +
                  keys + "}}");
-    double given = 0, work = 0;
-    Contact before;
-    Vec3 last = Vec3::Zero();
-    constexpr int kSteps = 100'000;
-    for (int i = 0; i <= kSteps; ++i) {
-      const double a = 2 * pi * i / kSteps;
-      const Vec3 place(5e-3 * std::cos(a), 3e-3 * std::sin(a), -2e-3 - 1e-3 * std::cos(a + 0.7));
-      const Contact contact = object.answer({.position = place, .dt = 1e-3});
+    const Scan scan = closed_scan(object, 100'000, [](const Contact& contact) {
       EXPECT_NEAR(contact.force.norm(), 1000 * contact.depth, 1e-9) << "it turns the force and keeps its size";
-      if (i > 0) {
-        const double done = 0.5 * (before.force + contact.force).dot(place - last);
-        given += done;
-        work += std::abs(done);
-      }
-      before = contact;
-      last = place;
-    }
-    return std::abs(given) / work;
+    });
+    return std::abs(scan.given) / scan.work;
   };
   for (const auto& [name, keys] : all_) EXPECT_LT(share_of(keys), 0.03) << name << ", as docs/scene.md states";
   const double sine = share_of(R"("kind": "fourier", "waves": [{"wavelength": 2e-3, "amplitude": 2e-4}])");
