@@ -44,8 +44,6 @@ class ArmSupport {
   /// Returns the force on the hand, in W [N]. `acts` turns it on or off.
   [[nodiscard]] Vec3 update(const State& state, bool acts) noexcept;
 
-  [[nodiscard]] const Options& options() const noexcept { return options_; }
-
  private:
   Options options_;
   Ramp on_{0};
