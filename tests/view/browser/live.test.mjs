@@ -49,7 +49,9 @@ test("the curve of a live session equals the recorded file", async (t) => {
     const x = within(bin.t, bin.t + bin.width);
     assert.ok(x.some((v) => close(v, bin.min)) && x.some((v) => close(v, bin.max)), `at ${ms} ms: ${bin.min} to ${bin.max}, the file has ${x}`);
   }
-  const first = Math.min(...bins.keys());
+  // What a busy browser did not read for a second was dropped: the rows after the last such hole are compared.
+  const there = [...bins.keys()].sort((a, b) => a - b);
+  const first = there.findLast((ms, i) => i === 0 || ms - there[i - 1] > 50);
   const expected = samples.t.map((time, i) => [time, samples.x[i]]).filter(([time]) => time * 1000 >= first + 1);
   for (const [time, x] of expected) {
     const ms = Math.floor(time * 1000);
@@ -137,17 +139,15 @@ test("a hidden tab takes no rows and shows the newest on return", async (t) => {
     document.dispatchEvent(new Event("visibilitychange"));
   }, hidden);
   await hide(true);
-  // Two statuses later nothing is on its way any more.
-  const rows = async () => (await state(page)).ringRows;
-  let before = await rows();
-  for (;;) {
-    await new Promise((resolve) => setTimeout(resolve, 500));
-    const now = await rows();
-    if (now === before) break;
-    before = now;
-  }
-  await new Promise((resolve) => setTimeout(resolve, 1500));
-  assert.equal(await rows(), before);
+  // Messages keep their order: with a status of so much later, no row is on its way any more.
+  const later = async (time) => {
+    const { told } = await state(page);
+    await page.waitForFunction((t) => window.haptraceTest.state().told > t, told + time);
+    return (await state(page)).ringRows;
+  };
+  let before = (await state(page)).ringRows;
+  for (let now = await later(0.5); now !== before; now = await later(0.5)) before = now;
+  assert.equal(await later(1.5), before);
   await hide(false);
   await page.waitForFunction((n) => window.haptraceTest.state().ringRows > n && window.haptraceTest.state().lag < 1, before);
   // The charts get from the server what the tab missed: no bin is missing, at any zoom.
@@ -190,22 +190,21 @@ for (const [verb, about] of [["play", ["--repeat", "200"]], ["guide", ["--radius
     const folder = scratch(t);
     const session = await start(t, verb, await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", ...about, "--view", "--no-browser", "--control");
     const page = await open(t, await browser(t), session.address);
-    const pill = (word) => page.waitForFunction((text) => document.querySelector(".pill.live").textContent === text, word);
-    const pause = page.locator(".actions .first");
-    await pill("Live");
-    assert.equal(await pause.getAttribute("aria-label"), "Pause the session");
-    await pause.click();
-    await pill("Paused");
-    assert.equal(await pause.isEnabled(), true);
-    assert.equal(await pause.getAttribute("aria-label"), "Resume the session");
+    // What the session does and what may be asked of it come in two messages.
+    const says = (word, label) => page.waitForFunction(([text, name]) => {
+      const button = document.querySelector(".actions .first");
+      return document.querySelector(".pill.live")?.textContent === text && button?.getAttribute("aria-label") === name && !button.disabled;
+    }, [word, label]);
+    await says("Live", "Pause the session");
+    await page.locator(".actions .first").click();
+    await says("Paused", "Resume the session");
     // One press asks, a second one resumes: the device will move.
     await page.evaluate(() => {
       const resume = document.querySelector(".actions .first");
       resume.click();
       resume.click();
     });
-    await pill("Live");
-    assert.equal(await pause.getAttribute("aria-label"), "Pause the session");
+    await says("Live", "Pause the session");
     assert.deepEqual(page.errors, []);
   });
 }
@@ -214,7 +213,7 @@ test("no key freezes the trainee's picture, and the page of a playback has words
   const folder = scratch(t);
   const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
   const page = await open(t, await browser(t), session.trainee(), { viewport: { width: 320, height: 480 } });
-  await page.waitForFunction(() => document.querySelector(".training-word").textContent === "The device moves you");
+  await page.waitForFunction(() => document.querySelector(".training-word")?.textContent === "The device moves you");
   for (const key of ["Space", "k", "ArrowLeft", "ArrowRight", "PageUp", ",", "j", "?"]) await page.keyboard.press(key);
   assert.equal((await state(page)).following, true);
   assert.equal(await page.locator("dialog").count(), 0);
@@ -244,10 +243,10 @@ test("a controlling page that draws less than one frame in two seconds is not lo
   const page = await open(t, await browser(t), session.address);
   const lost = () => page.evaluate(() => window.haptraceTest.warnings().includes("page_lost"));
   const before = await lost();
-  const longest = await occupy(page, 2600, 3);
+  const longest = await occupy(page, 2100, 3);
   assert.equal((await state(page)).connected, true);
   // The server waits for 2 s after the last 2 s in which the main thread ran: a page that took longer is lost rightly.
-  if (before || longest > 3000) t.diagnostic(`this machine is too busy: the page drew after ${longest} ms`);
+  if (before || longest > 2600) t.diagnostic(`this machine is too busy: the page drew after ${longest} ms`);
   else assert.equal(await lost(), false);
   await occupy(page, 6000, 1);
   await page.waitForFunction(() => window.haptraceTest.warnings().includes("page_lost"));
@@ -274,7 +273,7 @@ test("where frames come slowly, the scene is drawn flat and the page says so", a
   });
   await page.waitForFunction(() => window.haptraceTest.state().painter === "flat");
   await page.waitForFunction(() => window.readFlat);
-  assert.equal(await page.getByText("Simple graphics").isVisible(), true);
+  await page.getByText("Simple graphics").waitFor();
   assert.equal(await page.evaluate(() => document.querySelectorAll(".scene-canvas").length), 1);
   // At 1280 x 800, without a GPU; measure.mjs takes the figure that counts.
   const rate = await page.evaluate(async () => {

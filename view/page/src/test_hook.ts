@@ -62,6 +62,8 @@ export function installTestHook(shell: Shell): void {
       renderer: shell.rendererName,
       start: m.start,
       end: m.end,
+      // Session time of the newest status [s].
+      told: m.status?.time ?? NaN,
       ended: m.status?.ended ?? false,
       zeroForce: m.status?.zero_force ?? "",
       repetitions: m.repetitions.length,
