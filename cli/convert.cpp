@@ -224,32 +224,33 @@ ConvertReport report_sizes(const ConvertArguments& arguments, const InputFile& i
 }
 
 /// Reports what was resampled and what was removed.
-void add_changes(const Pipeline& pipeline, const ConvertArguments& arguments, ConvertReport& told) {
+void add_changes(const Pipeline& pipeline, const ConvertArguments& arguments, ConvertReport& report) {
   if (pipeline.resampled != nullptr) {
-    const ResampleReport& report = pipeline.resampled->report();
-    told.json["resample"] = to_json(report);
-    told.text += fmt::format(
+    const ResampleReport& resampled = pipeline.resampled->report();
+    report.json["resample"] = to_json(resampled);
+    report.text += fmt::format(
         "  {} samples at {:g} Hz from {} samples; they differ from {} by {:.3g} mm rms, {:.3g} mm at most\n",
-        report.rows_out, arguments.resample_hz, report.rows_in,
-        report.low_pass_hz > 0 ? "the unfiltered samples" : "the original samples", 1e3 * report.rms_difference,
-        1e3 * report.max_difference);
+        resampled.rows_out, arguments.resample_hz, resampled.rows_in,
+        resampled.low_pass_hz > 0 ? "the unfiltered samples" : "the original samples", 1e3 * resampled.rms_difference,
+        1e3 * resampled.max_difference);
   }
   if (pipeline.anonymised != nullptr) {
-    told.json["anonymised"] = to_json(pipeline.anonymised->report());
-    told.text += text_of(pipeline.anonymised->report());
+    report.json["anonymised"] = to_json(pipeline.anonymised->report());
+    report.text += text_of(pipeline.anonymised->report());
   }
 }
 
 /// Reports the size and the loss of every column in the file. Reads the input and the file once more.
-void add_columns(const ConvertArguments& arguments, const InputFile& input, const Output& output, ConvertReport& told) {
+void add_columns(const ConvertArguments& arguments, const InputFile& input, const Output& output,
+                 ConvertReport& report) {
   ReadProgress progress(output, "reading back " + arguments.file);
   Pipeline again = open_pipeline(arguments, input);
   const RecordingSource& original = *again.source;
   again.source =
       observe(std::move(again.source), [&](std::span<const Sample>) { progress.tell_share(original.fraction()); });
   const std::vector<StoredColumn> columns = report_storage(arguments.file, *again.source);
-  told.json["columns"] = to_json(columns);
-  told.text += text_of(columns);
+  report.json["columns"] = to_json(columns);
+  report.text += text_of(columns);
 }
 
 /// Returns what the user should know about the samples and the format.
@@ -288,16 +289,16 @@ int convert(const ConvertArguments& arguments, const InputFile& input, const Out
 
   const Sampling sampling = pipeline.sampling->result();
   const std::vector<std::string> remarks = remarks_on(pipeline, sampling, arguments.file);
-  ConvertReport told = report_sizes(arguments, input, rows, sampling);
-  add_changes(pipeline, arguments, told);
+  ConvertReport report = report_sizes(arguments, input, rows, sampling);
+  add_changes(pipeline, arguments, report);
   if (options.hdf5.storage.filtered() && !arguments.to_standard_output() && is_hdf5(arguments.file))
-    add_columns(arguments, input, output, told);
-  told.json["notes"] = remarks;
+    add_columns(arguments, input, output, report);
+  report.json["notes"] = remarks;
   for (const std::string& remark : remarks) output.remark(remark);
   if (arguments.to_standard_output())
-    output.remark(told.text.substr(0, told.text.size() - 1));  // standard output contains the samples
+    output.remark(report.text.substr(0, report.text.size() - 1));  // standard output contains the samples
   else
-    output.tell(told.json, told.text);
+    output.tell(report.json, report.text);
   return kDone;
 }
 

@@ -33,6 +33,11 @@ enum class ReachGoal : std::uint8_t {
 const char* to_string(ReachGoal goal) noexcept;
 ReachGoal parse_reach_goal(std::string_view name);  ///< throws Error(input) that names the known values
 
+/// Returns whether a lock holds the hand in the start during the whole trial.
+constexpr bool is_held(ReachGoal goal) noexcept {
+  return goal == ReachGoal::press || goal == ReachGoal::weigh;
+}
+
 /// Places of one reach, in W.
 struct ReachGeometry {
   Vec3 start = Vec3::Zero(), target = Vec3::Zero();  ///< [m]

@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/suggest.h"
+#include "control/path/arc_path.h"
 #include "control/path/path_change.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"
@@ -574,8 +575,8 @@ TrialFigures trial_figures(const RecordedTrial& trial, const std::optional<Trial
     const PathAlignment& alignment = aligned != nullptr ? *aligned : own;
     const double length = path->curve.length();
     // A repetition ends as soon as the hand arrives: what is left then is not left out.
-    constexpr double kArrived = 2e-3;  // [m]
-    const double left = length - alignment.farthest, passed = alignment.covered + (left <= kArrived ? left : 0);
+    const double left = is_at_end(alignment.farthest, length) ? length - alignment.farthest : 0;
+    const double passed = alignment.covered + left;
     if (path->whole) figures.completion = std::min(1.0, passed / length);
     figures.contour = contour_deviation(trial.time, trial.position, path->curve, alignment.arc);
     // A resting hand trembles along the path but does not follow it.

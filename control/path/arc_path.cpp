@@ -179,4 +179,9 @@ ArcPath::Nearest ArcPath::nearest_between(double from, double to, const Vec3& po
   return best;
 }
 
+bool is_at_end(double s, double length) noexcept {
+  constexpr double kNear = 2e-3, kShare = 0.05;
+  return length - s <= std::min(kNear, kShare * length);
+}
+
 }  // namespace haptrace

@@ -108,4 +108,8 @@ class ArcPath {
   std::vector<float> radius_;
 };
 
+/// Returns whether a movement that came to the arc length `s` [m] arrived at the end of a path of `length` [m]: the
+/// last 2 mm, or 5 % of a short path, are not asked for.
+[[nodiscard]] bool is_at_end(double s, double length) noexcept;
+
 }  // namespace haptrace

@@ -298,7 +298,7 @@ void read_reach(JsonReader& reader, Exercise& exercise, const Vec3& up) {
   if (!goal) return;
   std::optional<JsonReader> settings = reader.object(to_string(exercise.mode));
   if (!settings) return;
-  const bool tries = goal == ReachGoal::range || goal == ReachGoal::press || goal == ReachGoal::weigh;
+  const bool tries = goal == ReachGoal::range || is_held(*goal);
   if ((tries || settings->has("blocks")) && reader.has("repetitions"))
     throw input_error(fmt::format(
         "{}.repetitions: {}; remove it", reader.where(),

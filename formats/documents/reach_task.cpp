@@ -267,7 +267,7 @@ ReachTask read_reach_task(JsonReader reader, ReachGoal goal, int repetitions, co
   task.pull = reader.boolean("pull", task.pull);
   if (goal == ReachGoal::target || goal == ReachGoal::range)
     task.target_hold = reader.number("target_hold", task.target_hold, goal == ReachGoal::range ? kShortestHold : 0, 10);
-  if (goal == ReachGoal::range || goal == ReachGoal::press || goal == ReachGoal::weigh) {
+  if (goal == ReachGoal::range || is_held(goal)) {
     check_directions(reader, task);
     const int tries = reader.integer("tries", 3, 1, 1000);
     task.blocks.push_back({.name = "", .reaches = tries * static_cast<int>(task.targets.size())});
@@ -358,7 +358,7 @@ json json_of(const ReachTrial& trial) {
     if (is_finite(trial.workspace.min) && is_finite(trial.workspace.max))
       result["workspace_m"] = {json_of(trial.workspace.min), json_of(trial.workspace.max)};
   }
-  if (trial.goal == ReachGoal::press || trial.goal == ReachGoal::weigh) result["largest_n"] = trial.largest;
+  if (is_held(trial.goal)) result["largest_n"] = trial.largest;
   if (trial.goal == ReachGoal::track)
     result["track"] = {{"frequencies_hz", trial.track.frequency},
                        {"phases_rad", trial.track.phase},

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "control/norm.h"
+#include "control/path/arc_path.h"
 #include "control/resistance_timer.h"
 
 #include <algorithm>
@@ -58,13 +59,10 @@ void GuidanceController::begin_approach(const Vec3& from) noexcept {
   phases_.begin_approach(from, path_->position_at(0));
 }
 
-bool GuidanceController::at_end() const noexcept {
-  return path_->length() - tracker_.foot().s <= std::min(kArrived, 0.05 * path_->length());
-}
-
 bool GuidanceController::arrived() const noexcept {
   if (options_.cursor) return tracker_.foot().s >= path_->length();
-  return at_end() && tracker_.foot().certainty > 0 && walked_length_ >= kWalked * path_->length();
+  return is_at_end(tracker_.foot().s, path_->length()) && tracker_.foot().certainty > 0 &&
+         walked_length_ >= kWalked * path_->length();
 }
 
 bool GuidanceController::may_begin(const Vec3& position) const noexcept {
@@ -135,7 +133,8 @@ void GuidanceController::advance(const State& state, Command& command) noexcept 
       const bool over = options_.time_limit > 0 && phases_.elapsed() >= options_.time_limit;
       if (!over && !arrived()) return;
       if (!arrived()) {
-        const double came = at_end() && !options_.cursor ? walked_length_ : tracker_.foot().s;
+        const double s = tracker_.foot().s;
+        const double came = is_at_end(s, path_->length()) && !options_.cursor ? walked_length_ : s;
         command.event = Event{.code = EventCode::time_over, .values = {came, path_->length(), kNaN}};
       }
       phases_.begin_hold();

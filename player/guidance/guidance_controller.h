@@ -41,7 +41,6 @@ struct GuidePlan;
 class GuidanceController final : public Controller {
  public:
   static constexpr double kBlend = 0.3;     ///< [s]
-  static constexpr double kArrived = 2e-3;  ///< [m]
   static constexpr double kWalked = 0.25;   ///< share of the path; a trainee may leave out the rest
   static constexpr double kDoubtLasts = 1;  ///< an event reports a doubt that lasts so long, ...
   static constexpr double kEmptyLasts = 2;  ///< ... and so long an empty tank [s]
@@ -89,8 +88,6 @@ class GuidanceController final : public Controller {
   /// Updates and returns the place of the trainee or the cursor on the path.
   const PathProjection::Foot& follow(const State& state) noexcept;
   [[nodiscard]] bool arrived() const noexcept;
-  /// Returns true if the place is at the end of the path, whatever the trainee walked.
-  [[nodiscard]] bool at_end() const noexcept;
   /// Returns true when the run may begin: always if a force led the trainee, else near the start or after the time
   /// limit.
   [[nodiscard]] bool may_begin(const Vec3& position) const noexcept;

@@ -188,11 +188,10 @@ class GuideMetrics final : public SampleSink {
     for (std::size_t i = 0; i < tracking.size() && i < sums_.size(); ++i) {
       const Sums& sums = sums_[i];
       const double progress = sums.came ? std::min(sums.progress, *sums.came) : sums.progress;
-      GuideFigures figures{
-          .tracking = tracking[i],
-          .progress = progress,
-          .partial = sums.came || progress < length_ - std::min(GuidanceController::kArrived, 0.05 * length_),
-          .initiation = sums.initiation};
+      GuideFigures figures{.tracking = tracking[i],
+                           .progress = progress,
+                           .partial = sums.came || !is_at_end(progress, length_),
+                           .initiation = sums.initiation};
       if (length_ > 0) figures.completion = std::min(progress / length_, 1.0);
       if (tunnel_ && sums.samples > 0)
         figures.time_in_tunnel = static_cast<double>(sums.inside) / static_cast<double>(sums.samples);

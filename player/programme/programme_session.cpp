@@ -126,8 +126,7 @@ double expected_time(const Exercise& exercise, const Path& path) {
     const ReachTask& task = *exercise.reach;
     constexpr double kReaction = 0.3, kBack = 1, kUsualRange = 2;  // [s]
     const double before = kBack + 0.5 * (task.least_start_hold + task.most_start_hold);
-    if (task.goal == ReachGoal::press || task.goal == ReachGoal::track || task.goal == ReachGoal::weigh)
-      return before + exercise.time_limit + exercise.hold;
+    if (is_held(task.goal) || task.goal == ReachGoal::track) return before + exercise.time_limit + exercise.hold;
     const double movement = task.goal == ReachGoal::range ? kUsualRange : kUsualReach;
     return before + kReaction + movement + task.target_hold + exercise.hold;
   }
@@ -228,8 +227,7 @@ Path reached_part(const Exercise& exercise, const Path& path) {
 void check_means(const Exercise& exercise, const Path& path, const DeviceInfo& device, const std::string& where) {
   try {
     if (exercise.sense) check_motors(device, (path.position.back() - path.position.front()).normalized(), "it");
-    if (!exercise.reach || (exercise.reach->goal != ReachGoal::press && exercise.reach->goal != ReachGoal::weigh))
-      return;
+    if (!exercise.reach || !is_held(exercise.reach->goal)) return;
     for (int target = 0; target < static_cast<int>(exercise.reach->targets.size()); ++target)
       check_press(device, path.position.at(place_of_target(target)) - path.position.front(), exercise.reach->locked);
   } catch (const Error& error) {

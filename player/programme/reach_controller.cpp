@@ -30,7 +30,7 @@ ReachController::ReachController(const ReachTrial& trial, const ReachForces::Opt
       course_(course),
       pull_gains_(pull),
       hand_(hand),
-      phases_(1, is_held() ? std::max(course.hold, ReachForces::kDecay) : course.hold, course.approach_speed) {
+      phases_(1, is_held(goal_) ? std::max(course.hold, ReachForces::kDecay) : course.hold, course.approach_speed) {
   validate(pull);
   check_range("the hold in the start", course.start_hold, 0, 60, "s");
   check_range("the hold in the target", course.target_hold, 0, 60, "s");
@@ -133,7 +133,7 @@ bool ReachController::holds(const Vec3& position) noexcept {
 void ReachController::advance_run(const State& state, Command& command) noexcept {
   const bool inside = holds(state.position), over = phases_.elapsed() >= course_.time_limit;
   held_ = inside ? held_ + std::min(state.dt, kLongestReachStep / course_.rate_hz) : 0;
-  const bool lasts = is_held() || goal_ == ReachGoal::track;
+  const bool lasts = is_held(goal_) || goal_ == ReachGoal::track;
   const double hold = goal_ == ReachGoal::range ? std::max(course_.target_hold, kShortestStay) : course_.target_hold;
   if ((inside && held_ >= hold) || (lasts && (over || forces_.broken() || forces_.lets_go())))
     end_run(command, true, state.position);
@@ -142,7 +142,7 @@ void ReachController::advance_run(const State& state, Command& command) noexcept
 }
 
 Vec3 ReachController::goal() const noexcept {
-  if (phases_.phase() == Phase::approach || is_held()) return geometry_.start;
+  if (phases_.phase() == Phase::approach || is_held(goal_)) return geometry_.start;
   if (goal_ != ReachGoal::track) return geometry_.target;
   const double time = phases_.phase() == Phase::run ? phases_.elapsed() : course_.time_limit;
   return geometry_.start + track_.at(time) * (geometry_.target - geometry_.start);
@@ -204,7 +204,7 @@ Command ReachController::update(const State& state) noexcept {
   const bool holds = phase == Phase::approach && arrived_ && !leads_ && !let_go_;
   const bool acts = !paused_ && (phase == Phase::run || (holds && forces_.options().clamp));
   // A press and an arm are meant to load the lock, which lets go by itself.
-  if (acts && !is_held()) command.patience = kPatience;
+  if (acts && !is_held(goal_)) command.patience = kPatience;
   command.wrench.force += forces_.update(state, acts, requests_.share(), !pulled);
   if (phase == Phase::run && !paused_) watch_forces(state, command);
   command.phase = phases_.phase();

@@ -84,8 +84,6 @@ class ReachController final : public Controller {
   /// Returns true if the hand is where the goal asks it to hold.
   [[nodiscard]] bool holds(const Vec3& position) noexcept;
   [[nodiscard]] Vec3 goal() const noexcept;
-  /// Returns true if a lock holds the hand in the start.
-  [[nodiscard]] bool is_held() const noexcept { return goal_ == ReachGoal::press || goal_ == ReachGoal::weigh; }
   /// Adds the force that leads to the start. Returns true if it acts.
   bool add_pull(const State& state, Command& command) noexcept;
   /// Reports a broken channel, and an energy tank that weakens the field.

@@ -146,7 +146,7 @@ ReachPlan plan_reach(const DeviceInfo& device, const ReachOptions& options) {
       !(device.force_axes[0] || device.force_axes[1] || device.force_axes[2]))
     throw input_error(
         fmt::format("{} has no motors: remove field, clamps and pull, or use a device with motors", device.model));
-  if (trial.goal == ReachGoal::press || trial.goal == ReachGoal::weigh) {
+  if (is_held(trial.goal)) {
     check_press(device, trial.geometry.along(), options.locked);
     if (!options.locked) plan_lock(device, options, plan);
   }
