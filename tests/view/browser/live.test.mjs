@@ -212,7 +212,7 @@ for (const [verb, about] of [["play", ["--repeat", "200"]], ["guide", ["--radius
 test("no key freezes the trainee's picture, and the page of a playback has words for the trainee", async (t) => {
   const folder = scratch(t);
   const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
-  const page = await open(t, await browser(t), session.trainee(), { viewport: { width: 320, height: 480 } });
+  const page = await open(t, await browser(t), await session.trainee(), { viewport: { width: 320, height: 480 } });
   await page.waitForFunction(() => document.querySelector(".training-word")?.textContent === "The device moves you");
   for (const key of ["Space", "k", "ArrowLeft", "ArrowRight", "PageUp", ",", "j", "?"]) await page.keyboard.press(key);
   assert.equal((await state(page)).following, true);

@@ -46,18 +46,21 @@ export async function start(t, ...args) {
     await ended;
     clearTimeout(patience);
   });
-  const lines = () => output.split("\n").filter((line) => ADDRESS.test(line));
-  const address = (line) => ADDRESS.exec(line)?.[0];
-  while (lines().length === 0) {
-    await new Promise((resolve) => (wake = resolve));
-    if (child.exitCode !== null && lines().length === 0) throw new Error(`haptrace ${args.join(" ")} ended without a view:\n${output}`);
-  }
+  // Each address comes in a line of its own, which may come in parts. Waits for the first that `wanted` takes.
+  const address = async (wanted) => {
+    for (;;) {
+      const lines = output.split("\n").slice(0, -1).filter((line) => ADDRESS.test(line) && wanted(line));
+      if (lines.length > 0) return ADDRESS.exec(lines[0])[0];
+      if (child.exitCode !== null || child.signalCode !== null) throw new Error(`haptrace ${args.join(" ")} ended without this view:\n${output}`);
+      await new Promise((resolve) => (wake = resolve));
+    }
+  };
   return {
     child,
     ended,
     output: () => output,
-    address: address(lines()[0]),
-    trainee: () => address(lines().find((line) => /trainee/.test(line)) ?? ""),
+    address: await address(() => true),
+    trainee: () => address((line) => /trainee/.test(line)),
     end: async () => {
       child.kill("SIGINT");
       return { code: await ended, output };
