@@ -6,6 +6,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -114,6 +115,18 @@ TEST(RecordedTrial, MeasuresTheTimeInWhichTheDeviceHelpedAlongThePath) {
   EXPECT_GT(half, 0.3);
   EXPECT_LT(half, 0.7);
   EXPECT_FALSE(figures_of({}, Reference::playback).helped);
+}
+
+TEST(RecordedTrial, AsksForTheEndOfAPathAsTheSessionDoes) {
+  const auto completion = [](double diameter) {
+    Path path = make_shape("circle", {.size = diameter, .duration = 4});
+    std::vector<Sample> rows = rows_of(path, {.error = 0}, Reference::guidance);
+    while ((rows.back().position - path.position.back()).norm() < 1.6e-3) rows.pop_back();
+    return trial_figures(written(rows, Reference::guidance).back(), path_of(path)).completion.value();
+  };
+  EXPECT_NEAR(completion(0.08), 1, 1e-3);
+  EXPECT_NEAR(completion(0.008), 1 - 1.6e-3 / (std::numbers::pi * 0.008), 0.01)
+      << "the last 1.6 mm are not 5 % of this circle";
 }
 
 TEST(RecordedTrial, LeavesMetricsWithoutDataUndefined) {

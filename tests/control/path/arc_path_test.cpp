@@ -154,6 +154,14 @@ TEST(ArcPath, TakesARadiusForEveryKnot) {
   EXPECT_THAT(test::error_of([&] { path.set_radius(radius); }), HasSubstr("it must be at least 0"));
 }
 
+TEST(ArcPath, EndsTwoMillimetresBeforeTheLastPointAndAShortOneLater) {
+  EXPECT_TRUE(is_at_end(0.1985, 0.2));
+  EXPECT_FALSE(is_at_end(0.1975, 0.2));
+  EXPECT_TRUE(is_at_end(9.6e-3, 10e-3));
+  EXPECT_FALSE(is_at_end(9.4e-3, 10e-3)) << "2 mm are a fifth of the movement";
+  EXPECT_TRUE(is_at_end(0, 0));
+}
+
 TEST(ArcPath, NeedsASample) {
   EXPECT_THAT(test::error_of([] { (void)ArcPath::Builder(2.5e-4).finish(0); }), HasSubstr("without samples"));
   EXPECT_THAT(test::error_of([] { ArcPath::Builder(0); }), HasSubstr("must be greater than 0"));
