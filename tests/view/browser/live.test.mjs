@@ -224,6 +224,19 @@ test("no key freezes the trainee's picture, and the page of a playback has words
   assert.deepEqual(page.errors, []);
 });
 
+test("a trainee whose Stop finds no connection is told to let go", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
+  const page = await open(t, await browser(t), await session.trainee());
+  const says = (word) => page.waitForFunction((text) => document.querySelector(".training-word")?.textContent === text, word);
+  await says("The device moves you");
+  session.child.kill("SIGKILL");
+  await says("One moment");
+  await page.locator(".training-stop").dispatchEvent("pointerdown", { button: 0 });
+  await says("Stop did not arrive");
+  await page.getByText("Let go of the handle").waitFor();
+});
+
 // Keeps the main thread of the page busy `times` times for `busy` ms, with short breaks for what waits. Returns the
 // longest time from break to break [ms]: what waits takes long on a machine that has other work.
 const occupy = (page, busy, times) => page.evaluate(async ([ms, count]) => {

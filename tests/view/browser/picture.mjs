@@ -41,7 +41,8 @@ try {
   const page = await open(t, browser, view.address, { colorScheme: "light" });
   await page.locator(".notice button, .banner button").first().click({ timeout: 2000 }).catch(() => {});
   await page.evaluate(() => window.haptraceTest.span(8));
-  await rowAt(page, 4.2);
+  const { values } = await rowAt(page, 4.2);
+  if (!(values.force > 0)) throw new Error("The picture would show no force. Is the recording complete?");
   await page.waitForTimeout(500);
   await page.screenshot({ path: join(out, "view.png") });
 

@@ -29,6 +29,7 @@ test("Each state has its words", () => {
   assert.deepEqual([words.finished.word, words.finished.sentence], ["Finished", "Thank you"]);
   assert.deepEqual([words.stopped.word, words.stopped.sentence, words.stopped.tone], ["Stopped", "The force is off. Please wait", "stop"]);
   assert.deepEqual([wordsOf("lost", null, NaN).word, wordsOf("lost", null, NaN).tone], ["One moment", "warning"]);
+  assert.deepEqual([wordsOf("unstopped", null, NaN).word, wordsOf("unstopped", null, NaN).tone], ["Stop did not arrive", "stop"]);
 });
 
 test("The screen says that the force is off only where the device confirmed it", () => {

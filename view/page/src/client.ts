@@ -21,6 +21,7 @@ const TEST_KEY = "haptrace-test";
 const RECONNECT_FIRST = 0.25; // [s]
 const RECONNECT_MOST = 5; // [s]
 const REQUEST_TIMEOUT = 10; // [s]
+const STOP_KEPT = 10000; // age of a Stop that is still sent when the connection is back [ms]
 
 // Reads "#TOKEN", or "#TOKEN&test", which asks for the test hook too. A token has 16 to 128 letters and digits, which is the
 // rule of the server. Returns null for others.
@@ -83,6 +84,7 @@ export class Client {
   private readonly waiting = new Map<number, Waiting>();
   private closed = false;
   private readonly clock = new ClockOffset();
+  private unsentStop = NaN;
 
   constructor(model: Model, token: string) {
     this.model = model;
@@ -118,7 +120,14 @@ export class Client {
 
   // Asks for zero force now. Waits for nothing. Returns false if there is no connection.
   stop(): boolean {
-    return this.send({ type: "stop" });
+    const sent = this.send({ type: "stop" });
+    this.unsentStop = sent || this.model.over ? NaN : performance.now();
+    return sent;
+  }
+
+  // The last Stop found no connection. When one comes back, the page sends it, if it is not too old.
+  get stopWaits(): boolean {
+    return Number.isFinite(this.unsentStop);
   }
 
   want(data: Want): void {
@@ -225,6 +234,7 @@ export class Client {
       case "hello":
         this.wait = RECONNECT_FIRST;
         this.model.take(message);
+        if (performance.now() - this.unsentStop > STOP_KEPT) this.unsentStop = NaN;
         this.model.setConnected(true);
         if (message.live) this.send({ type: "want", data: this.wanted });
         break;

@@ -27,8 +27,6 @@ const COLOURS: { mode: ColourMode; text: string }[] = [
 ];
 // Without an answer for this long after Stop, the page says so [ms].
 const STOP_PATIENCE = 1000;
-// A Stop that found no connection is sent when the connection is back, within this time [ms].
-const STOP_KEPT = 10000;
 const SOFTWARE = "Drawn without a graphics processor: at most 30 frames a second, no smooth edges.";
 const FLAT = "This computer draws slowly, so the scene is drawn flat. Load the page again to try the full picture.";
 const THINNED = "The session no longer keeps the samples of this moment. The charts show their least and largest values.";
@@ -65,7 +63,6 @@ export class Shell {
   private readonly pace = new Pace();
   private lastDrawn = -Infinity;
   private stopSent = NaN;
-  private stopPending = NaN;
   private readonly renderer: string;
 
   constructor(app: HTMLElement, model: Model, client: Client) {
@@ -464,7 +461,6 @@ export class Shell {
       this.stopSent = now;
       this.banner("stop", "problem", "Stop was sent.", true);
     } else {
-      this.stopPending = now;
       this.banner("stop", "problem", "Stop did not reach the session: there is no connection. Stop it in the terminal (Ctrl+C) or switch the device off.", true);
     }
   }
@@ -614,8 +610,7 @@ export class Shell {
     const m = this.model;
     if (m.connected) {
       this.banner("connection", "warning", "");
-      if (performance.now() - this.stopPending < STOP_KEPT) this.stop();
-      this.stopPending = NaN;
+      if (this.client.stopWaits) this.stop();
       this.showVisibility();
       return;
     }

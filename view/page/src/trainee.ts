@@ -157,6 +157,7 @@ class TraineeScreen implements Trainee {
   // State whose words are shown: a score that came just now is read before the rest, and a pause has words of its own.
   private readState(state: ScreenState, rest: number, now: number): ScreenState {
     const training = this.model.training;
+    if (state === "lost" && this.client.stopWaits) return "unstopped";
     if (canPause(state) && pauseState(this.model.status, this.model.programme !== null, training?.state) === "paused") return "paused";
     if ((state !== "done" && state !== "rest") || training === null || !hasScore(training)) return state;
     if (training.trial !== this.scoreTrial) {

@@ -4,8 +4,8 @@ import type { TrainingLook } from "./scene/scene";
 import type { SoundName } from "./sounds";
 
 // States of the screen: those of the session, and some of the page itself. Sessions without an exercise are "played" or
-// "recorded"; "paused" has words only.
-export type ScreenState = TrainingState | "lost" | "none" | "played" | "recorded" | "paused";
+// "recorded"; "paused" and "unstopped", a Stop that found no connection, have words only.
+export type ScreenState = TrainingState | "lost" | "none" | "played" | "recorded" | "paused" | "unstopped";
 
 export interface Figure {
   value: string;
@@ -134,6 +134,11 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
       words.word = "One moment";
       words.sentence = "No connection. Please hold still";
       words.tone = "warning";
+      break;
+    case "unstopped":
+      words.word = "Stop did not arrive";
+      words.sentence = "Let go of the handle";
+      words.tone = "stop";
       break;
   }
   return words;
