@@ -43,6 +43,10 @@ class LivePage final : public SessionObserver {
   /// Lets the page watch and end the session. A simulated device runs on the real clock, because people watch it.
   void watch(SessionOptions& session);
 
+  /// Tells the page whether a session follows the one that begins next: only the last one ends what it shows. As long
+  /// as nobody says so, none follows, except in a programme.
+  void expect_more(bool more) noexcept { more_ = more; }
+
   /// Lets a page give commands as long as it lives. Destroy it before the commands.
   class [[nodiscard]] Use {
    public:
@@ -65,7 +69,7 @@ class LivePage final : public SessionObserver {
   void begins(Device& device, const SessionOptions& options, const RecordingColumns& columns,
               bool virtual_time) override;
   void shows(const SessionView& view) override { view_->show(view); }
-  void ends(const SessionResult& result) override { view_->end(result, verb_ == "run"); }
+  void ends(const SessionResult& result) override { view_->end(result, more_); }
 
  private:
   /// Passes everything on to the view, and samples to the training screen too.
@@ -96,6 +100,7 @@ class LivePage final : public SessionObserver {
   std::optional<LiveTraining> training_;
   Sinks sinks_;
   Commands* commands_ = nullptr;
+  bool more_ = false;
 };
 
 }  // namespace haptrace::cli

@@ -113,10 +113,13 @@ int record_command(const CLI::App& verb, const RecordArguments& arguments, const
   Trials trials{.count = arguments.count, .pause = arguments.pause, .open = [&](int trial) {
                   return open_for(arguments, trial);
                 }};
-  trials.begin = [&](int trial, const Device& device, const std::string& file) { notes.begin(trial, device, file); };
   const Signals signals;
   StopRequest stop(&signals.stop());
   LivePage page(arguments.view, arguments.session, output, "record", stop);
+  trials.begin = [&](int trial, const Device& device, const std::string& file) {
+    page.expect_more(trial < arguments.count);
+    notes.begin(trial, device, file);
+  };
   page.watch(options.session);
   LiveRecording commands(options.session.recording->options.annotations, stop);
   options.live = &commands;

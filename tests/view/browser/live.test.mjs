@@ -224,6 +224,20 @@ test("no key freezes the trainee's picture, and the page of a playback has words
   assert.deepEqual(page.errors, []);
 });
 
+test("between two trials the page does not say that the session ended", async (t) => {
+  const folder = scratch(t);
+  const session = await start(t, "record", join(folder, "trial.h5"), "-d", HAND, "--count", "1000", "--duration", "1", "--pause", "1", "--clock", "real", "--view", "--no-browser");
+  const page = await open(t, await browser(t), session.address);
+  const trials = () => session.output().split(/trial \d+ of 1000/).length;
+  for (const first = trials(); trials() < first + 2;) {
+    assert.equal((await state(page)).ended, false, session.output());
+    await page.waitForTimeout(50);
+  }
+  session.child.kill("SIGINT");
+  await page.waitForFunction(() => window.haptraceTest.state().ended);
+  await page.getByText(/The session ended/).waitFor();
+});
+
 test("a trainee whose Stop finds no connection is told to let go", async (t) => {
   const folder = scratch(t);
   const session = await start(t, "play", await square(folder), "-d", "sim:preset=falcon,hand=relaxed", "--clock", "real", "--repeat", "200", "--view", "--no-browser");
