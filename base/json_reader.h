@@ -69,7 +69,7 @@ class JsonReader {
   double length(const std::string& key, double fallback, double min, double max);
   /// Reads one number for all three axes, or an array of three.
   Vec3 vector(const std::string& key, const Vec3& fallback, double min = -1e300, double max = 1e300);
-  /// Reads a direction that has a length, as a unit vector.
+  /// Reads an array of three numbers, a direction that has a length, as a unit vector.
   Vec3 direction(const std::string& key, const Vec3& fallback);
   /// Reads a list of 1 to `most` numbers.
   std::vector<double> numbers(const std::string& key, std::vector<double> fallback, std::size_t most,

@@ -117,12 +117,15 @@ std::optional<double> parse_quantity(std::string_view text, std::string_view si)
   const std::optional<double> number = take_number<double>(text);
   if (!number || !std::isfinite(*number)) return std::nullopt;
   if (text.find_first_not_of(' ') == std::string_view::npos) return number;
-  if (const Unit* unit = find_unit(text, si)) return *number / unit->per_si;
-  std::string name = lower_case(text);
+  std::string name(text);
   std::erase(name, ' ');
-  for (const Unit& unit : kOptionUnits)
-    if (unit.si == si && unit.name == name) return *number / unit.per_si;
-  return std::nullopt;
+  const Unit* unit = find_unit(text, si);
+  for (const Unit& candidate : kOptionUnits)
+    if (candidate.si == si && candidate.name == lower_case(name)) unit = &candidate;
+  // An M is mega, a billion times a milli. Only whole words, as Millimetres, have no other meaning.
+  constexpr std::size_t kLongestSymbol = 4;
+  const bool mega = name.starts_with('M') && name.size() <= kLongestSymbol && unit != nullptr && unit->per_si == 1e3;
+  return unit != nullptr && !mega ? std::optional(*number / unit->per_si) : std::nullopt;
 }
 
 std::span<const Unit> units() {

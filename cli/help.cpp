@@ -259,9 +259,12 @@ void accept_units(CLI::App& verb) {
     option->transform(
         [unit](const std::string& text) {
           std::string_view rest = text;
-          const bool number = take_number<double>(rest) && !rest.empty();
+          const bool number = take_number<double>(rest).has_value();
           const std::optional<double> value = parse_quantity(text, unit);
-          if (number && !value)
+          if (!number)
+            throw CLI::ValidationError(
+                fmt::format("'{}': expected a number, with or without a unit of {}", text, unit));
+          if (!rest.empty() && !value)
             throw CLI::ValidationError(
                 fmt::format("'{}': '{}' is not a known unit of this quantity; its SI unit is {}", text,
                             rest.substr(std::min(rest.find_first_not_of(' '), rest.size())), unit));

@@ -49,12 +49,15 @@ SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options
   check_range("--support", asked.force, 0, kMost, "N");
   check_motors(device, asked.up, "the support of the arm");
   SupportPlan plan{.support = {.force = asked.force, .up = asked.up}, .warnings = {}};
-  const double most = kSupportShare * ServoLoop::in_force(device, options.loop.limits).max_continuous_force;
-  if (most > 0 && asked.force > most) {
+  const SafetyLimits limits = ServoLoop::in_force(device, options.loop.limits);
+  const double held = kSupportShare * limits.max_continuous_force, allowed = kSupportShare * limits.max_force;
+  const bool holds_less = held > 0 && (allowed <= 0 || held < allowed);
+  if (const double most = holds_less ? held : allowed; most > 0 && asked.force > most) {
     plan.support.force = most;
-    plan.warnings.push_back(
-        fmt::format("the arm is supported with {:.2g} N instead of {:.3g} N: {} can hold no more for long", most,
-                    asked.force, device.model));
+    plan.warnings.push_back(fmt::format(
+        "the arm is supported with {:.2g} N instead of {:.3g} N: {}", most, asked.force,
+        holds_less ? device.model + " can hold no more for long"
+                   : fmt::format("the session has {:.3g} N, of which the rest needs some", limits.max_force)));
   }
   const Box workspace = workspace_of(device);
   plan.support.top = asked.up.cwiseProduct(workspace.min).cwiseMax(asked.up.cwiseProduct(workspace.max)).sum();

@@ -47,12 +47,13 @@ struct SupportPlan {
   std::vector<std::string> warnings;
 };
 
-/// Returns the support of a session on a device: at most kSupportShare of the force that the motors can hold, so that
-/// the rest of the session has some, and ending below the top of the workspace as softly as the device is stable.
-/// Throws Error(input) if the device has no motor against gravity, or a value is out of its range.
+/// Returns the support of a session on a device: at most kSupportShare of the force that the motors can hold and of the
+/// session's limit, so that the rest of the session has some, and ending below the top of the workspace as softly as
+/// the device is stable. Throws Error(input) if the device has no motor against gravity, or a value is out of its
+/// range.
 SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options);
 
-inline constexpr double kSupportShare = 0.7;    ///< of the continuous force
+inline constexpr double kSupportShare = 0.7;    ///< of the continuous force, and of the limit
 inline constexpr double kSupportedRelease = 1;  ///< least time in which the forces of such a session fade out [s]
 
 }  // namespace haptrace

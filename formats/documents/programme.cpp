@@ -229,6 +229,9 @@ std::optional<ArmSupportTask> read_support(JsonReader& owner) {
   if (!owner.has("support")) return std::nullopt;
   if (owner.value("support").is_number())
     return ArmSupportTask{.force = owner.number("support", 0, 0, kMost), .share = {}};
+  if (const nlohmann::json value = owner.value("support"); !value.is_object())
+    throw input_error(fmt::format("{}: support: expected a force in N, or a share of the weight, as {{\"share\": 0.5}}",
+                                  owner.where()));
   JsonReader reader = owner.object("support").value();
   const ArmSupportTask task{.share = reader.require("share").number("share", 0, 0, 1)};
   reader.finish();

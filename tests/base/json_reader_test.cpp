@@ -109,7 +109,8 @@ TEST(JsonReader, ReadsLengthsAsNumbersAndAsTextWithAUnit) {
 }
 
 TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
-  const json object = json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": 0,
+  const json object =
+      json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": [0, 0, 0],
                                       "text": "3cm", "big": [1, 7]})");
   JsonReader reader(object, "x");
   EXPECT_EQ(reader.numbers("f", {}, 2), (std::vector<double>{1, 2.5}));
@@ -120,6 +121,11 @@ TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
   EXPECT_THAT(error_of([&] { (void)reader.numbers("none", {}, 2); }), HasSubstr("x: none: expected a list of 1 to 2"));
   EXPECT_THAT(error_of([&] { (void)reader.numbers("big", {}, 2, 0, 5); }), HasSubstr("x: big[1]: 7 is too large"));
   EXPECT_THAT(error_of([&] { (void)reader.direction("zero", Vec3::UnitX()); }), HasSubstr("x: zero: has no length"));
+  EXPECT_THAT(error_of([&] {
+                (void)JsonReader(json{{"a", 0.5}}, "x").direction("a", Vec3::UnitX());
+              }),
+              HasSubstr("x: a: expected an array of three numbers, found 0.5"))
+      << "one number for all axes is a diagonal that nobody means";
   EXPECT_THAT(error_of([&] { (void)reader.number("text", 0); }), HasSubstr("without quotes and units"));
 }
 

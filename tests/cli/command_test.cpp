@@ -142,6 +142,8 @@ TEST(TheCommand, SaysInPlainWordsWhatAnOptionMustBe) {
     return answer.err;
   };
   EXPECT_THAT(error({"--speed", "2mm"}), HasSubstr("--speed is '2mm'; it must be a number without a unit"));
+  EXPECT_THAT(error({"--support", "abc"}), HasSubstr("'abc': expected a number, with or without a unit of N"));
+  EXPECT_THAT(error({"--support", "500MN"}), HasSubstr("'MN' is not a known unit of this quantity"));
   EXPECT_THAT(error({"--rate", "1MHz"}), HasSubstr("'MHz' is not a known unit of this quantity; its SI unit is Hz"));
   EXPECT_THAT(error({"--max-force", "-3"}), HasSubstr("it must be 0 (the device's limit) or above"));
   EXPECT_THAT(error({"--kp", "1000"}), HasSubstr("give both, as in --kp 2000 --kd 24"));

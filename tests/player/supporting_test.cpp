@@ -99,6 +99,10 @@ TEST(Support, IsAtMostWhatTheMotorsCanHoldAndSaysSo) {
   EXPECT_THAT(result.warnings[0].text, HasSubstr("supported with 2.1 N instead of 8 N"));
   session.loop.limits.max_continuous_force = 1;
   EXPECT_NEAR(plan_support(device.info(), session).support.force, 0.7, 1e-9);
+  session.loop.limits.max_force = 0.3;
+  const SupportPlan limited = plan_support(device.info(), session);
+  EXPECT_NEAR(limited.support.force, 0.21, 1e-9) << "the report would state a force that no motor gave";
+  EXPECT_THAT(limited.warnings, ElementsAre(HasSubstr("0.21 N instead of 8 N: the session has 0.3 N")));
 }
 
 TEST(Support, KeepsTheSpeedLimitOfARecording) {
