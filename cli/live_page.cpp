@@ -146,7 +146,7 @@ void LivePage::release() {
   if (training_) training_->ask(nullptr);
   if (!view_) return;
   view_->abandon("the session could not be run");
-  view_->over();
+  view_->over(stop_.count() > 0 ? interruption_text(stop_.source()) : "");
 }
 
 void LivePage::programme(const nlohmann::json& state) {

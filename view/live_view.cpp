@@ -155,10 +155,11 @@ class LiveView::Sessions final : private PageHandler {
     });
   }
 
-  void over() {
+  void over(const std::string& reason) {
     server_.run([&] {
       targets_ = {};
       if (!std::exchange(more_, false) || !source_) return;
+      if (!reason.empty()) reason_ = reason;
       controls_text_.reset();
       broadcast(status());
     });
@@ -521,7 +522,7 @@ class LiveView::Sessions final : private PageHandler {
     const Sample sample = known ? *source_->newest() : Sample{.force = nan3()};
     return {{"type", "status"},
             {"time", source_->time()},
-            {"phase", to_string(source_->newest().value_or(Sample{}).phase)},
+            {"phase", to_string(running_ ? source_->newest().value_or(Sample{}).phase : Phase::idle)},
             {"rate", fresh ? source_->rate() : 0},
             {"asked_rate", session_->rate_hz},
             {"overruns", view_.live.overruns},
@@ -657,8 +658,8 @@ void LiveView::end(const SessionResult& result, bool more) {
                  result.gain_share, more);
 }
 
-void LiveView::over() {
-  sessions_->over();
+void LiveView::over(const std::string& reason) {
+  sessions_->over(reason);
 }
 
 void LiveView::abandon(const std::string& reason) {

@@ -103,8 +103,9 @@ class LiveView {
   /// of a programme, another session follows: pages see no end, and the commands stay borrowed until over().
   void end(const SessionResult& result, bool more = false);
 
-  /// Ends what `more` announced, and lets go of all targets.
-  void over();
+  /// Ends what `more` announced, and lets go of all targets. `reason` is that of a stop between two sessions; without
+  /// one, pages keep that of the last session.
+  void over(const std::string& reason = "");
 
   /// Ends a session that gave no result, for example because it threw. Does nothing if none is running.
   void abandon(const std::string& reason);

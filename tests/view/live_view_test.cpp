@@ -371,6 +371,19 @@ TEST(LiveView, AControllingPageThatIsBackInTheNextRepetitionLiftsTheSofteningOfT
   view.abandon("over");
 }
 
+TEST(LiveView, BetweenSessionsNoPhaseRunsAndAStopThereIsTheReasonOfTheEnd) {
+  LiveView view({});
+  JoinedPage page(view, ViewRole::therapist, "state");
+  const std::unique_ptr<Device> device = open_device(kSimulated);
+  view.begin(session_of(*device), {});
+  view.end(SessionResult{}, true);
+  const auto is_idle = [](const nlohmann::json& said) { return said["phase"] == "idle" && said["ended"] == false; };
+  EXPECT_EQ(page.wait_for("status", is_idle)["reason"], "");
+  view.over("stopped by a person");
+  const auto has_ended = [](const nlohmann::json& said) { return said["ended"] == true; };
+  EXPECT_EQ(page.wait_for("status", has_ended)["reason"], "stopped by a person");
+}
+
 TEST(LiveView, TheStatusHasNoValuesWhenRowsStopComing) {
   LiveView view({});
   StandingSession session(view);

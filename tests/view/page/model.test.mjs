@@ -308,6 +308,30 @@ test("a session that ended is no live session: the picture stops and the past ca
   assert.equal(model.value("x"), 500);
 });
 
+test("the end of a session shows the newest row, also one that was still on its way, unless a person looks elsewhere", () => {
+  const end = (model) => model.take({ type: "status", time: 2, phase: "idle", ended: true, reason: "", zero_force: "confirmed", lost_rows: 0 });
+  const model = live();
+  model.takeRows(rows(0, 1000));
+  model.tick(1);
+  end(model);
+  model.takeRows(rows(1, 1000));
+  model.tick(60);
+  assert.equal(model.value("x"), 1999);
+  assert.equal(model.atEnd, true);
+  model.seek(0.5);
+  model.takeRows(rows(2, 10));
+  assert.equal(model.shown, 0.5);
+  model.goLive();
+  model.tick(61);
+  assert.deepEqual([model.value("x"), model.following, model.playing], [2009, false, false]);
+
+  const frozen = live();
+  frozen.takeRows(rows(0, 1000));
+  frozen.seek(0.2);
+  end(frozen);
+  assert.equal(frozen.shown, 0.2);
+});
+
 test("a newer question replaces the one that waits, and an answer that fails frees the place", async () => {
   const asked = [];
   const got = [];

@@ -126,6 +126,7 @@ export class Model {
   loopOn = false;
   // Live: the picture follows the newest rows. False: the picture is frozen or plays from an earlier time.
   following = false;
+  private atNewest = false; // the session is over, and the newest row is shown
   // The shown time was reached by steps of one sample: figures show more digits.
   stepped = false;
   // Session time minus performance.now()/1000 [s], as the client estimates it.
@@ -290,8 +291,8 @@ export class Model {
         break;
       case "status":
         if (message.ended && this.status?.ended !== true) {
-          this.following = this.playing = false;
-          this.emit("play");
+          if (this.following) this.goToEnd();
+          else this.pause();
         }
         this.status = message;
         this.statusAt = performance.now();
@@ -343,6 +344,7 @@ export class Model {
     if (last < this.ring.oldest) this.ring.clear();
     if (this.ring.push(frame) > 0) {
       this.ticksWithoutRows = 0;
+      if (this.atNewest) this.shown = this.end;
       this.changed();
     }
   }
@@ -396,6 +398,7 @@ export class Model {
   play(): void {
     if (!this.live && this.shown >= this.end - this.period / 2) this.shown = this.loopOn && this.loop ? this.loop.t0 : this.start;
     this.playing = true;
+    this.atNewest = false;
     this.stepped = false;
     this.emit("play");
   }
@@ -415,6 +418,7 @@ export class Model {
   seek(time: number): void {
     this.aim = null;
     this.following = false;
+    this.atNewest = false;
     this.stepped = false;
     this.shown = Math.min(this.end, Math.max(this.start, time));
     this.emit("play");
@@ -448,8 +452,16 @@ export class Model {
     this.stepped = true;
   }
 
+  // Shows the newest row, also of those that are still on their way.
+  private goToEnd(): void {
+    this.playing = false;
+    this.seek(this.end);
+    this.atNewest = true;
+  }
+
   goLive(): void {
     if (this.hello?.live !== true) return;
+    if (this.over) return this.goToEnd();
     this.aim = null;
     this.following = true;
     this.playing = true;
@@ -679,6 +691,7 @@ export class Model {
         // The next repetition is shown live, also if the last one was frozen or has ended.
         this.status = null;
         this.following = this.playing = true;
+        this.atNewest = false;
       } else {
         this.playing = false;
         this.path = null;

@@ -384,6 +384,11 @@ export class Controls {
 
   private showActions(): void {
     const paused = this.paused;
+    // A session that ended meanwhile resumes no more.
+    if (performance.now() - this.armed < ARMED_FOR && !this.can("resume")) {
+      this.armed = -Infinity;
+      this.say("");
+    }
     const armed = paused && performance.now() - this.armed < ARMED_FOR;
     const words = this.words;
     const text = armed ? `Resume: press again, ${words.then}` : paused ? words.resume : words.pause;
