@@ -36,6 +36,7 @@ export const LEAST_FORCE = 0.05;
 /** Two rows of a movement further apart than this are not joined [s], unless all are as far apart, as bins of hours are. */
 const LONGEST_JOIN = 0.25;
 const FLOOR_STEP = 0.01;
+const NOTICE_TIME = 12000; // [ms]
 
 export interface SceneOptions {
   /** The browser draws without a GPU: no antialiasing, coarser tube. */
@@ -127,6 +128,7 @@ class SceneOfModel implements SceneView {
   private readonly observer: ResizeObserver | null;
   private software = false;
   private withoutGl = false;
+  private withoutGlSince: number | null = null;
   private dirty = true;
   private touched = false;
   /** The picture shows what it should; false: the next frame fits the camera. */
@@ -165,7 +167,11 @@ class SceneOfModel implements SceneView {
     for (const part of [this.label, this.bars]) part.setAttribute("aria-hidden", "true");
     host.append(this.target, this.label, this.bars, this.gizmo.root, this.notice);
     this.listen(this.target);
-    this.observer = typeof ResizeObserver === "undefined" ? null : new ResizeObserver(() => this.resize());
+    this.observer = typeof ResizeObserver === "undefined" ? null : new ResizeObserver(() => {
+      // A canvas of a new size is black until it is drawn on: at once, before the browser shows it.
+      this.resize();
+      this.draw(performance.now());
+    });
     this.observer?.observe(host);
     const stop = [
       model.on("path", () => this.takePath()),
@@ -711,9 +717,15 @@ class SceneOfModel implements SceneView {
   }
 
   private placeNotice(): void {
+    // What the browser lacks is read once; then it leaves its place to the scene.
+    if (this.withoutGl && this.withoutGlSince === null) {
+      this.withoutGlSince = performance.now();
+      window.setTimeout(() => this.invalidate(), NOTICE_TIME + 50);
+    }
+    const fresh = performance.now() - (this.withoutGlSince ?? 0) < NOTICE_TIME;
     const text = this.painter.lost
       ? "The graphics were lost. The scene returns when the browser gives them back."
-      : this.withoutGl && this.training === null
+      : this.withoutGl && fresh && this.training === null
         ? "This browser has no WebGL. The scene is drawn flat."
         : "";
     if (text === this.noticeKey) return;
