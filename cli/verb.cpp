@@ -554,7 +554,7 @@ std::string session_summary(const SessionResult& result) {
   if (servo.returns > 0)
     text += fmt::format("  {:.3f} s without the device, which was lost and reconnected{}\n", servo.away,
                         servo.returns > 1 ? fmt::format(" {} times", servo.returns) : "");
-  if (result.support > 0) text += fmt::format("  the device carried {:.2g} N of the arm's weight\n", result.support);
+  if (result.support > 0) text += fmt::format("  the support of the arm was {:.2g} N\n", result.support);
   for (const TouchFigures& touch : result.touches)
     text += touch.times == 0
                 ? fmt::format("  {}: not touched\n", touch.name)

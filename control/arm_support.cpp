@@ -16,12 +16,15 @@ ArmSupport::ArmSupport(const Options& options) : options_(options) {
 
 Vec3 ArmSupport::update(const State& state, bool acts) noexcept {
   if (!(state.dt > 0) || !is_finite(state.position) || !is_finite(state.velocity)) return Vec3::Zero();
-  const double on = on_.advance(acts ? 1 : 0, state.dt, acts ? kRise : kFall);
-  const double rises = state.velocity.dot(options_.up), left = options_.top - state.position.dot(options_.up);
+  return on_.advance(acts ? 1 : 0, state.dt, acts ? kRise : kFall) * steady(options_, state.position, state.velocity);
+}
+
+Vec3 ArmSupport::steady(const Options& options, const Vec3& position, const Vec3& velocity) noexcept {
+  const double rises = velocity.dot(options.up), left = options.top - position.dot(options.up);
   const double carried = std::clamp((kFastest - rises) / (kFastest - kCarried), 0.0, 1.0),
-               below = std::clamp(left / options_.fade, 0.0, 1.0),
-               damping = std::min(options_.force / (kFastest - kCarried), kMostDamping);
-  return on * (carried * below * options_.force - (1 - below) * damping * std::max(rises, 0.0)) * options_.up;
+               below = std::clamp(left / options.fade, 0.0, 1.0),
+               damping = std::min(options.force / (kFastest - kCarried), kMostDamping);
+  return (carried * below * options.force - (1 - below) * damping * std::max(rises, 0.0)) * options.up;
 }
 
 }  // namespace haptrace

@@ -44,6 +44,9 @@ class ArmSupport {
   /// Returns the force on the hand, in W [N]. `acts` turns it on or off.
   [[nodiscard]] Vec3 update(const State& state, bool acts) noexcept;
 
+  /// Returns the force once r is 1, in W [N]: what a hand at `position` [m] with `velocity` [m/s] gets.
+  [[nodiscard]] static Vec3 steady(const Options& options, const Vec3& position, const Vec3& velocity) noexcept;
+
  private:
   Options options_;
   Ramp on_{0};

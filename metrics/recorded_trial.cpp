@@ -7,6 +7,7 @@
 #include "control/path/path_change.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"
+#include "formats/recording/recorded_support.h"
 #include "formats/recording/recording_summary.h"
 #include "metrics/path_alignment.h"
 #include "metrics/time_warping.h"
@@ -359,8 +360,7 @@ RecordedTrial common_part(const RecordingHeader& header, const RecordingColumns&
   if (trial.kind == TrialKind::reach) trial.reach = reach_trial_from(JsonReader(config["reach"], file + ": reach"));
   if (config.is_object() && config.contains("sense"))
     trial.sense = sense_pair_from(JsonReader(config["sense"], file + ": sense"));
-  if (const double force = number_in(config, "support").value_or(0); force > 0)
-    trial.support = force * parse_vector(text_in(config, "up", "0,1,0"), "1", file + ": up").normalized();
+  if (const auto support = recorded_support(config, file)) trial.support = support->force * support->up;
   return trial;
 }
 

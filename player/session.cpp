@@ -11,6 +11,7 @@
 #include "devices/registry.h"
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
+#include "formats/recording/recorded_support.h"
 #include "metrics/touches.h"
 #include "player/supporting_controller.h"
 #include "player/touching_controller.h"
@@ -51,7 +52,8 @@ RecordedScene recorded(const Scene& scene) {
   return kept;
 }
 
-RecordingHeader header_for(const SessionOptions& options, const Device& device, const SessionResult& result) {
+RecordingHeader header_for(const SessionOptions& options, const Device& device, const SessionResult& result,
+                           const SupportPlan* support) {
   const SessionOptions::Recording& recording = *options.recording;
   const DeviceInfo& info = device.info();
   RecordingHeader header;
@@ -72,7 +74,7 @@ RecordingHeader header_for(const SessionOptions& options, const Device& device, 
   header.position_resolution_m = info.position_resolution;
   header.max_force_n = info.max_force;
   if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
-  if (options.support.force != 0) header.config["support"] = result.support;
+  if (support != nullptr) put_support(header.config, support->support);
   return header;
 }
 
@@ -416,8 +418,8 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   sinks.push_back(&tally);
   std::optional<Recorder> recorder;
   if (options.recording)
-    sinks.push_back(&recorder.emplace(options.recording->file, header_for(options, device, result), columns,
-                                      options.recording->options));
+    sinks.push_back(&recorder.emplace(options.recording->file, header_for(options, device, result, acting.support()),
+                                      columns, options.recording->options));
   if (options.observer != nullptr) {
     sinks.push_back(&options.observer->sink());
     options.observer->begins(device, options, columns, result.virtual_time);

@@ -115,6 +115,9 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
                             const std::optional<DeviceProfile>& known) {
   ExpertRecording result{.path = open_path(file, selection, progress, csv)};
   const std::string name = result.path->facts().name;
+  if (const double support = result.path->facts().support; support > 0)
+    result.notes.push_back(
+        fmt::format("{}: the support of the expert's arm, {:.2g} N, is left out of the force", name, support));
   const bool asked = options.force.has_value(), wants_sent = options.force == ReplayedForce::sent;
   if (!options.profile.empty()) (void)load_profile(options.profile);
   const auto note_useless = [&](const std::string& why) {
@@ -159,6 +162,7 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
   }
   PathSelection of_sensor = selection;
   of_sensor.measured = true;
+  of_sensor.negated = options.negated;
   const std::shared_ptr<const PathSource> measured = open_path(file, of_sensor, progress, csv);
   try {
     use_measured(name, measured, found, options, result);

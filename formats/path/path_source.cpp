@@ -4,6 +4,7 @@
 #include "control/event_words.h"
 #include "control/rotation.h"
 #include "formats/path/path_blocks.h"
+#include "formats/recording/recorded_support.h"
 #include "formats/recording/recording_summary.h"
 
 #include <algorithm>
@@ -115,10 +116,12 @@ class RecordedPath final : public PathSource {
  public:
   RecordedPath(RecordingReader reader, const std::string& name, const PathSelection& selection,
                const RowsDone& progress)
-      : reader_(std::move(reader)), measured_(selection.measured) {
+      : reader_(std::move(reader)), measured_(selection.measured), negated_(selection.negated) {
     facts_.name = name;
     check(selection, name);
     if (reader_.rows() == 0) throw input_error(fmt::format("{}: the path has no samples", name));
+    support_ = recorded_support(reader_.header().config, name);
+    if (support_) facts_.support = support_->force;
     const std::vector<RecordingSummary> overview = reader_.overview(progress);
     RecordingSummary whole;
     for (const RecordingSummary& block : overview) whole.join(block);
@@ -130,6 +133,8 @@ class RecordedPath final : public PathSource {
                        whole.runs > 1 ? fmt::format(", in {} repetitions", whole.runs) : ""));
     if (facts_.cut_short) note("this repetition was cut short by a time limit, a stop or a fault");
     cut(selection);
+    only_records_ = whole.runs == 0 && reader_.header().scene.empty();
+    recorded_from_ = time_of(0);
     measure(overview, whole.runs > 0);
   }
 
@@ -143,7 +148,7 @@ class RecordedPath final : public PathSource {
         path.time.push_back(seconds(sample.time_ns));
         path.position.push_back(sample.position);
         if (facts_.velocity) path.velocity.push_back(sample.velocity);
-        if (facts_.force) path.force.push_back(measured_ ? sample.force_measured : sample.force);
+        if (facts_.force) path.force.push_back(force_of(sample));
         if (facts_.orientation) path.orientation.push_back(sample.orientation);
       }
     fill_gaps(path.orientation, rows_.begin + first);
@@ -157,6 +162,18 @@ class RecordedPath final : public PathSource {
   }
 
  private:
+  /// Returns the force of the path: that of the recording without the support of the arm.
+  [[nodiscard]] Vec3 force_of(const Sample& sample) const {
+    const Vec3 recorded = measured_ ? sample.force_measured : sample.force;
+    if (!support_) return recorded;
+    const Vec3 velocity = is_finite(sample.velocity) ? sample.velocity : Vec3(Vec3::Zero());
+    const double risen = std::clamp((seconds(sample.time_ns) - recorded_from_) / ArmSupport::kRise, 0.0, 1.0);
+    Vec3 carried = risen * ArmSupport::steady(*support_, sample.position, velocity);
+    // Nothing else acted in a session that only records: at its end the support fades, and no force remains.
+    if (only_records_ && !measured_ && recorded.norm() < carried.norm()) carried = recorded;
+    return measured_ && negated_ ? recorded + carried : recorded - carried;
+  }
+
   /// Returns the last row of the recording that is not after `time`.
   [[nodiscard]] std::uint64_t last_row_until(double time) const {
     constexpr double kFarthest = 9e9;  // [s], well within 63 bits of nanoseconds
@@ -346,8 +363,12 @@ class RecordedPath final : public PathSource {
   }
 
   RecordingReader reader_;
-  bool measured_;  ///< the force is the measured one
-  Rows rows_;      ///< rows of the recording
+  bool measured_;              ///< the force is the measured one
+  bool negated_;               ///< ... of the hand on the device
+  bool only_records_ = false;  ///< no force but that of the support was sent
+  double recorded_from_ = 0;   ///< [s]
+  std::optional<ArmSupport::Options> support_;
+  Rows rows_;  ///< rows of the recording
 };
 
 }  // namespace

@@ -18,16 +18,17 @@ namespace haptrace {
 struct PathFacts {
   std::string name;  ///< for messages: usually the file
   std::uint64_t rows = 0;
-  double begin = 0, end = 0;       ///< stamps of the first and the last row [s]
-  Box bounds;                      ///< of the positions [m]
-  double peak_speed = 0;           ///< over 10 ms, or between two rows that are farther apart [m/s]
-  double longest_interval = 0;     ///< between two rows [s]
-  bool velocity = false;           ///< every row has a velocity, and pieces contain it
-  bool force = false;              ///< every row has a force, and pieces contain it
-  bool measured = false;           ///< the recording has a measured force, see PathSelection
-  bool orientation = false;        ///< pieces contain orientations
-  bool contacts = false;           ///< recorded with a scene: the forces hold those of its objects
-  bool cut_short = false;          ///< of several repetitions, this one was ended by a time limit, a stop or a fault
+  double begin = 0, end = 0;    ///< stamps of the first and the last row [s]
+  Box bounds;                   ///< of the positions [m]
+  double peak_speed = 0;        ///< over 10 ms, or between two rows that are farther apart [m/s]
+  double longest_interval = 0;  ///< between two rows [s]
+  bool velocity = false;        ///< every row has a velocity, and pieces contain it
+  bool force = false;           ///< every row has a force, and pieces contain it
+  bool measured = false;        ///< the recording has a measured force, see PathSelection
+  bool orientation = false;     ///< pieces contain orientations
+  bool contacts = false;        ///< recorded with a scene: the forces hold those of its objects
+  double support = 0;           ///< force that carried the arm while it was recorded; not in the force of the path [N]
+  bool cut_short = false;       ///< of several repetitions, this one was ended by a time limit, a stop or a fault
   std::vector<std::string> notes;  ///< notes for the user
 
   [[nodiscard]] double duration() const noexcept { return end - begin; }
@@ -70,6 +71,7 @@ struct PathSelection {
   double from = -std::numeric_limits<double>::infinity();  ///< rows with stamps from here [s] ...
   double to = std::numeric_limits<double>::infinity();     ///< ... to here
   bool measured = false;          ///< read the measured force of a recording in place of the sent one
+  bool negated = false;           ///< the measured force is that of the hand on the device
   std::optional<int> repetition;  ///< run of a recording with several runs, from 1; absent: the last one that was not
                                   ///< cut short, or the last
 };
@@ -82,7 +84,9 @@ using RowsDone = std::function<void(std::uint64_t)>;
 std::unique_ptr<PathSource> source_of(Path path, const PathSelection& selection = {});
 
 /// Returns the path of a recording: the rows of phase run of one repetition, or all rows if none is of phase run. If a
-/// recording lacks an orientation, the last known one is used.
+/// recording lacks an orientation, the last known one is used. Its forces are without the support of the arm
+/// (ArmSupport) in the session: that belongs to the arm that was carried. The support is rebuilt from the place and
+/// velocity of each row, as if it rose from the first row of the recording on.
 ///
 /// Opening takes milliseconds at any length, since it reads only the overview and the blocks in which the path begins
 /// and ends. Throws Error(input) if there are no rows, none is selected, the repetition does not exist, or a position

@@ -1,0 +1,30 @@
+#include "formats/recording/recorded_support.h"
+
+#include "base/error.h"
+#include "base/json_reader.h"
+#include "control/path/path_change.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+namespace haptrace {
+
+void put_support(nlohmann::json& config, const ArmSupport::Options& support) {
+  config["support"] = support.force;
+  config["up"] = fmt::format("{:.6g},{:.6g},{:.6g}", support.up.x(), support.up.y(), support.up.z());
+  config["support_top"] = support.top;
+  config["support_fade"] = support.fade;
+}
+
+std::optional<ArmSupport::Options> recorded_support(const nlohmann::json& config, const std::string& where) {
+  ArmSupport::Options support{.force = number_in(config, "support").value_or(0)};
+  if (!(support.force > 0)) return std::nullopt;
+  const Vec3 up = parse_vector(text_in(config, "up", "0,1,0"), "1", where + ": up");
+  if (!(up.norm() > 0)) throw input_error(where + ": up: has no length, so it is no direction");
+  support.up = up.normalized();
+  support.top = number_in(config, "support_top").value_or(support.top);
+  support.fade = number_in(config, "support_fade").value_or(support.fade);
+  return support;
+}
+
+}  // namespace haptrace
