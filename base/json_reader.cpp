@@ -118,7 +118,8 @@ JsonReader::JsonReader(const json& object, std::string where, const char* separa
   if (!object.is_object()) wrong_type(where_, "an object", object);
 }
 
-bool JsonReader::has(const std::string& key) const {
+bool JsonReader::has(const std::string& key) {
+  known_.insert(key);
   return object_->contains(key);
 }
 
@@ -251,7 +252,9 @@ std::vector<JsonReader> JsonReader::objects(const std::string& key) {
 void JsonReader::finish() const {
   for (const auto& item : object_->items()) {
     if (asked_.contains(item.key())) continue;
-    const std::vector<std::string> known(asked_.begin(), asked_.end());
+    std::set<std::string> all = known_;
+    all.insert(asked_.begin(), asked_.end());
+    const std::vector<std::string> known(all.begin(), all.end());
     throw input_error(fmt::format("{}: key '{}' is not known{}", where_, item.key(), suggestion(item.key(), known)));
   }
 }

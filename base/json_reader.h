@@ -59,7 +59,8 @@ class JsonReader {
   /// `where` names the object in errors, for example "my.json". `object` must outlive the reader.
   JsonReader(const nlohmann::json& object, std::string where);
 
-  [[nodiscard]] bool has(const std::string& key) const;
+  /// Returns whether the key is there. Errors may suggest it.
+  [[nodiscard]] bool has(const std::string& key);
   /// Returns this reader. Throws Error(input) if the key is absent.
   JsonReader& require(const std::string& key);
 
@@ -100,6 +101,7 @@ class JsonReader {
   std::string where_;
   std::string prefix_;  ///< prefix of a key in errors: "my.json: " or "my.json: hand."
   std::set<std::string> asked_;
+  std::set<std::string> known_;  ///< keys that were only looked for
 };
 
 }  // namespace haptrace

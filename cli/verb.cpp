@@ -252,8 +252,9 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.loop.away_timeout = wait_for_device;
   options.support.force = support;
   const Vec3 upwards = parse_vector(up, "1", "--up");
-  if (!(upwards.norm() > 0)) throw input_error("--up has no length, so it is no direction");
-  options.support.up = upwards.normalized();
+  const double largest = upwards.cwiseAbs().maxCoeff();  // the square of a large number is not finite
+  if (!(largest > 0)) throw input_error("--up has no length, so it is no direction");
+  options.support.up = (upwards / largest).normalized();
   if (file.empty()) return options;
 
   // Formats of other programs, which could not read HDF5 under these names.

@@ -198,19 +198,24 @@ std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& 
 }
 
 std::optional<WeighFigures> weigh_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
+  constexpr const char* kNobody = "no arm rested on the device, or the sensor states the force with the other sign";
+  // A lock that gave way ends the trial early. What it bore, as in a press, is a lower bound.
+  if (!spoiled.empty()) {
+    const std::optional<PressFigures> borne = press_figures(trial, reach, spoiled);
+    if (!borne) return std::nullopt;
+    return WeighFigures{
+        .weight = borne->force, .at_limit = true, .refused = borne->force < WeighFigures::kLeast ? kNobody : ""};
+  }
   const HandForce hand = force_of_hand(trial, reach.geometry.along());
   if (hand.rows.empty()) return std::nullopt;
   const std::size_t last = hand.rows.size() - 1;
   std::size_t first = 0;
   while (first + 1 < last && hand.lasts(trial, first + 1, last) >= WeighFigures::kWindow - 1e-9) ++first;
   const double lasts = hand.lasts(trial, first, last);
-  // A lock that gave way under the arm ends the trial early, and its load is a lower bound.
-  if (!(lasts >= WeighFigures::kWindow - 1e-9) && (spoiled.empty() || !(lasts >= PressFigures::kBeforeBreak)))
-    return std::nullopt;
-  WeighFigures figures{
-      .weight = (hand.integral[last] - hand.integral[first]) / lasts,
-      .at_limit = was_limited(trial, reach.largest, hand.rows[first], hand.rows[last]) || !spoiled.empty(),
-      .refused = ""};
+  if (!(lasts >= WeighFigures::kWindow - 1e-9)) return std::nullopt;
+  WeighFigures figures{.weight = (hand.integral[last] - hand.integral[first]) / lasts,
+                       .at_limit = was_limited(trial, reach.largest, hand.rows[first], hand.rows[last]),
+                       .refused = ""};
   const std::span<const Vec3> window =
       trial.position.empty()
           ? trial.position
@@ -218,7 +223,7 @@ std::optional<WeighFigures> weigh_figures(const Trial& trial, const ReachTrial& 
   if (const double moved = largest_movement(window); moved > WeighFigures::kRests && !figures.at_limit)
     figures.refused = fmt::format("the arm moved by {:.0f} mm, so it did not rest", 1e3 * moved);
   else if (figures.weight < WeighFigures::kLeast)
-    figures.refused = "no arm rested on the device, or the sensor states the force with the other sign";
+    figures.refused = kNobody;
   return figures;
 }
 

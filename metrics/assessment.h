@@ -52,7 +52,9 @@ struct TrackFigures {
 
 /// How heavy an arm rested on a lock.
 struct WeighFigures {
-  double weight = 0;      ///< mean over the last kWindow of the force of the hand straight down, as in PressFigures [N]
+  /// Mean over the last kWindow of the force of the hand straight down, measured as in PressFigures; that of
+  /// PressFigures if the lock gave way [N].
+  double weight = 0;
   bool at_limit = false;  ///< the device had no more force, or gave way: the arm may be heavier
   std::string refused;    ///< why `weight` is no result; else empty
 

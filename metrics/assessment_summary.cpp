@@ -104,14 +104,15 @@ std::optional<AssessmentSummary> summarise_assessment(const Programme& programme
   return summary;
 }
 
-std::optional<double> weight_of_arm(const Programme& programme, const SessionLog& log) {
+std::optional<ArmWeight> weight_of_arm(const Programme& programme, const SessionLog& log) {
   std::size_t end = log.trials.size();
   for (auto sitting = log.sittings.rbegin(); sitting != log.sittings.rend(); ++sitting) {
     std::vector<const LoggedTrial*> trials;
     for (std::size_t i = sitting->first_trial; i < end; ++i)
       if (programme.exercise(log.trials[i].exercise).mode == ExerciseMode::weigh && counts(log.trials[i]))
         trials.push_back(&log.trials[i]);
-    if (const std::optional<double> weight = mean_figure(trials, figure_of(ReachGoal::weigh))) return weight;
+    if (const std::optional<double> weight = mean_figure(trials, figure_of(ReachGoal::weigh)))
+      return ArmWeight{.weight = *weight, .is_earlier = sitting != log.sittings.rbegin()};
     end = sitting->first_trial;
   }
   return std::nullopt;

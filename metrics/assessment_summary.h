@@ -40,9 +40,14 @@ struct AssessmentSummary {
 /// Returns the results of exercise `i`; nothing if it is in another mode.
 std::optional<AssessmentSummary> summarise_assessment(const Programme& programme, std::size_t i, const SessionLog& log);
 
-/// Returns the weight of the arm that the newest sitting with such a result measured: the mean over its trials in mode
-/// weigh [N]; nothing without one.
-std::optional<double> weight_of_arm(const Programme& programme, const SessionLog& log);
+/// Weight of an arm that a sitting measured.
+struct ArmWeight {
+  double weight = 0;        ///< mean over the trials in mode weigh [N]
+  bool is_earlier = false;  ///< of a sitting before the last one of the log
+};
+
+/// Returns the weight of the newest sitting that measured one; nothing without one.
+std::optional<ArmWeight> weight_of_arm(const Programme& programme, const SessionLog& log);
 
 nlohmann::json to_json(const AssessmentSummary& summary);
 

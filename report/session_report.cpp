@@ -369,6 +369,7 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
                                            : std::nullopt,
                                .radius = alone ? std::nullopt : typical(one.radius),
                                .stiffness = guided ? number_in(header.config, "stiffness") : std::nullopt,
+                               .support = one.support.isZero() ? std::nullopt : std::optional(one.support.norm()),
                                .duration = one.time.back() - one.time.front()});
   }
   return exercise;

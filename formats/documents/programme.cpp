@@ -279,7 +279,7 @@ std::optional<ReachGoal> goal_of(ExerciseMode mode) {
 }
 
 /// Checks that an exercise has a path, or the settings of a mode with a cue.
-void check_places(const JsonReader& reader, const Exercise& exercise) {
+void check_places(JsonReader& reader, const Exercise& exercise) {
   const int paths = (reader.has("path") ? 1 : 0) + (exercise.shape ? 1 : 0);
   const char* const mode = to_string(exercise.mode);
   if (goal_of(exercise.mode) || exercise.mode == kSense) {

@@ -616,10 +616,13 @@ class ProgrammeRun {
     const ArmSupportTask task = support_of(programme_, trial.exercise);
     double force = task.force;
     if (task.share) {
-      const std::optional<double> weight = weight_of_arm(programme_, log());
-      force = weight ? *task.share * *weight : 0;
-      const char* const kUnknown = "the arm is not supported, because no trial measured its weight";
-      if (!weight && told_.insert(kUnknown).second) trial.notices.emplace_back(kUnknown);
+      const std::optional<ArmWeight> arm = weight_of_arm(programme_, log());
+      force = arm ? *task.share * arm->weight : 0;
+      const auto tell = [&](const char* what) {
+        if (told_.insert(what).second) trial.notices.emplace_back(what);
+      };
+      if (!arm) tell("the arm is not supported, because no trial measured its weight");
+      if (arm && arm->is_earlier) tell("the support is a share of the weight that an earlier sitting measured");
     }
     if (force > 0) trial.settings.support = force;
   }

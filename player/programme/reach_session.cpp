@@ -8,6 +8,7 @@
 #include "player/guidance/guide.h"
 #include "player/guidance/live_guidance.h"
 #include "player/passivity_defaults.h"
+#include "player/supporting_controller.h"
 
 #include <algorithm>
 #include <cmath>
@@ -182,6 +183,9 @@ SessionResult reach(Device& device, const ReachPlan& plan, const ReachOptions& o
     session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
   }
   if (options.identified) session.touch.plant = options.identified->plant;
+  // An arm that rests on the lock must not drop, however the trial ends.
+  if (plan.trial.goal == ReachGoal::weigh)
+    session.loop.limits.release = std::max(session.loop.limits.release, kSupportedRelease);
   if (session.observer != nullptr) session.followed = shown_path(plan.trial);
   return run_session(device, controller, {.reference = true}, sinks, session, stop, progress);
 }

@@ -108,6 +108,13 @@ TEST(JsonReader, ReadsLengthsAsNumbersAndAsTextWithAUnit) {
   EXPECT_THROW((void)reader.length("far", 0, 0, 1e-3), Error);
 }
 
+TEST(JsonReader, SuggestsKeysThatWereOnlyLookedFor) {
+  const json object{{"suport", 1}};
+  JsonReader reader(object, "p.json");
+  EXPECT_FALSE(reader.has("support"));
+  EXPECT_THAT(error_of([&] { reader.finish(); }), HasSubstr("support"));
+}
+
 TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
   const json object =
       json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": [0, 0, 0],

@@ -297,6 +297,12 @@ TEST(WeighAssessment, IsALowerBoundForAnArmThatIsTooHeavyAndNoResultForOneThatDo
   const AssessedTrial heavy = assessed(trial, carrying(4), course, resting(9, 0, random));
   EXPECT_THAT(heavy.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over))
       << "the lock gives way, and spoils the trial";
+  RecordedTrial spoiled = heavy.recorded;
+  spoiled.spoiled = "the clamp went off";
+  const WeighFigures bound = trial_figures(spoiled, std::nullopt).weigh.value_or(WeighFigures{});
+  EXPECT_TRUE(bound.at_limit);
+  EXPECT_EQ(bound.refused, "");
+  EXPECT_NEAR(bound.weight, 4, 0.4) << "what it bore, not the mean with the time before the arm rested";
   const AssessedTrial moving = assessed(weighing(), carrying(8), course, [](double since, const Vec3&, const Vec3& v) {
     return Vec3(Vec3(0, since < 0 ? 0 : -4 + 3 * std::sin(9 * since), 0) - 5 * v);
   });
