@@ -532,11 +532,18 @@ class LiveView::Sessions final : private PageHandler {
             {"share", std::min(share_, targets_.commands != nullptr ? targets_.commands->share() : 1)},
             {"paused", (view_.recording && view_.recording->paused) ||
                            (targets_.commands != nullptr && targets_.commands->paused())},
+            {"recording", recording_state()},
             {"ended", !running_ && !more_},
             {"reason", more_ ? std::string() : reason_},
             {"zero_force", more_ ? std::string() : zero_force_},
             {"pages", server_.pages().size()},
             {"lost_rows", sink.lost()}};
+  }
+
+  /// Returns what becomes of the samples: "" without a recording, "armed" before its trigger, "paused" or "on".
+  [[nodiscard]] const char* recording_state() const {
+    if (!running_ || !view_.recording) return "";
+    return view_.recording->armed ? "armed" : view_.recording->paused ? "paused" : "on";
   }
 
   /// Sends the status, more rarely to pages that nobody looks at.

@@ -171,7 +171,7 @@ class RecordedPath final : public PathSource {
     Vec3 carried = risen * ArmSupport::steady(*support_, sample.position, velocity);
     // Nothing else acted in a session that only records: at its end the support fades, and no force remains.
     if (only_records_ && !measured_ && recorded.norm() < carried.norm()) carried = recorded;
-    return measured_ && negated_ ? recorded + carried : recorded - carried;
+    return recorded - (measured_ && negated_ ? -1.0 : 1.0) * carried;
   }
 
   /// Returns the last row of the recording that is not after `time`.

@@ -384,6 +384,23 @@ TEST(LiveView, BetweenSessionsNoPhaseRunsAndAStopThereIsTheReasonOfTheEnd) {
   EXPECT_EQ(page.wait_for("status", has_ended)["reason"], "stopped by a person");
 }
 
+TEST(LiveView, TheStatusSaysWhatBecomesOfTheSamples) {
+  LiveView view({});
+  const StandingSession session(view);
+  JoinedPage page(view, ViewRole::therapist, "state");
+  for (const auto& [armed, paused, expected] :
+       {std::tuple(true, false, "armed"), std::tuple(false, true, "paused"), std::tuple(false, false, "on")}) {
+    SessionView status;
+    status.recording.emplace();
+    status.recording->armed = armed;
+    status.recording->paused = paused;
+    view.show(status);
+    (void)page.wait_for("status", [&](const nlohmann::json& said) { return said["recording"] == expected; });
+  }
+  view.show(SessionView{});
+  (void)page.wait_for("status", [](const nlohmann::json& said) { return said["recording"] == ""; });
+}
+
 TEST(LiveView, TheStatusHasNoValuesWhenRowsStopComing) {
   LiveView view({});
   StandingSession session(view);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { load } from "./load.mjs";
 
-const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, strengthLine, pauseWords, controlLine, controlText, stepped, exerciseState, trendWords, lagWord } = await load("format", "keys", "therapist");
+const { limitText, cellText, columnWord, clock, decimals, quantity, nextSpeed, strengthLine, pauseWords, controlLine, controlText, stepped, exerciseState, trendWords, lagWord, recordingWord } = await load("format", "keys", "therapist");
 
 test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-1.25, 1), "−1.3");
@@ -11,6 +11,10 @@ test("numbers have a real minus, and an en dash for what is not known", () => {
   assert.equal(decimals(-0.001, 1), "0.0");
   assert.equal(quantity(0.0072, "m"), "7.2 mm");
   assert.equal(quantity(NaN, "N"), "– N");
+});
+
+test("a session that only records says whether samples are kept", () => {
+  assert.deepEqual(["on", "armed", "paused", "", undefined].map(recordingWord), ["Recording", "Waits for the trigger", "Idle", "Idle", "Idle"]);
 });
 
 test("columns and phases are named in words", () => {

@@ -60,6 +60,11 @@ export function phaseWord(phase: string): string {
   return PHASES[phase] ?? (phase === "" ? "" : phase[0]!.toUpperCase() + phase.slice(1));
 }
 
+// What a session does that has no phases: it only records.
+export function recordingWord(recording: string | undefined): string {
+  return recording === "on" ? "Recording" : recording === "armed" ? "Waits for the trigger" : phaseWord("idle");
+}
+
 export function lagWord(seconds: number): string {
   return seconds < 10 ? `${decimals(seconds, 1)} s` : clock(seconds, 0);
 }

@@ -84,6 +84,8 @@ export interface StatusMessage {
   deviation: number | null;
   speed: number | null;
   share: number;
+  // What becomes of the samples: "" without a recording, "armed" before its trigger, "paused", "on".
+  recording?: string;
   paused: boolean;
   ended: boolean;
   reason: string;

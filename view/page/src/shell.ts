@@ -2,7 +2,7 @@
 import { Client } from "./client";
 import { askText, openValues, toggleHelp } from "./dialogs";
 import { button, el, icon, returnFocus, setAttribute, setClass, setHidden, setIcon, setStopIdle, setText, type Icon } from "./dom";
-import { clock, decimals, lagWord, phaseWord, UNKNOWN } from "./format";
+import { clock, decimals, lagWord, phaseWord, recordingWord, UNKNOWN } from "./format";
 import { findRenderer } from "./graphics";
 import { listenToKeys, loopRepetition, seekRepetition } from "./keys";
 import { Lanes, NARROW } from "./lanes";
@@ -287,16 +287,16 @@ export class Shell {
       if (now < due) return;
       due = now + 100;
       const s = m.status;
+      const old = live && (!m.connected || now - m.statusAt > STATUS_STALE);
       if (live) {
-        const old = !m.connected || now - m.statusAt > STATUS_STALE;
         const pause = pauseState(s, m.programme !== null, m.training?.state);
         setText(liveWord, m.over ? "Ended" : old ? "No news" : pause === "paused" ? "Paused" : pause === "pausing" ? "Pauses soon" : m.following ? "Live" : m.playing ? "Replay" : "Frozen");
       }
       const name = live && m.following && s !== null ? s.phase : m.phaseAt(m.shown);
       const rep = m.repetitionAt(m.shown);
-      const words = phaseWord(name) + (rep !== null && !(live && narrow.matches) ? ` · rep ${rep.number}` : "");
-      // The last phase is no present phase after the end.
-      setHidden(phase, name === "" || m.atEnd);
+      const words = (live && m.following && name === "idle" ? recordingWord(s?.recording) : phaseWord(name)) + (rep !== null && !(live && narrow.matches) ? ` · rep ${rep.number}` : "");
+      // The last phase is no present phase after the end, or without news.
+      setHidden(phase, name === "" || m.atEnd || old);
       setText(phaseWordNode, words);
       setClass(phase, "go", name === "run");
       const wanted: Icon | "" = name === "run" ? "square" : name === "stopped" ? "stop" : name === "hold" ? "pause" : "dot";

@@ -63,6 +63,7 @@ class TraineeScreen implements Trainee {
   private reported = "";
   private scoreTrial = NaN;
   private scoreUntil = -Infinity;
+  private restLasts = NaN;
   private wakeLock: { release(): Promise<void> } | null = null;
 
   constructor(
@@ -128,7 +129,8 @@ class TraineeScreen implements Trainee {
     const entered = state !== this.state;
     this.state = state;
     const rest = (this.restEnds - now) / 1000;
-    const words = wordsOf(this.readState(state, rest, now), training, rest, status?.zero_force ?? "");
+    const read = this.readState(state, rest, now);
+    const words = wordsOf(read, training, rest, status?.zero_force ?? "");
     this.say(words, state);
     this.head();
     setStopIdle(this.stop, this.stopWord, this.model.over);
@@ -150,7 +152,7 @@ class TraineeScreen implements Trainee {
       this.reported = report;
       this.painted = { what: state, trial: training?.trial ?? 0, frame: this.frame, time: this.newest() };
     }
-    this.disc.hidden = state !== "moving" || training?.show?.tunnel !== true || training.show.tool !== true;
+    this.disc.hidden = read !== "moving" || training?.show?.tunnel !== true || training.show.tool !== true;
     if (!this.disc.hidden) this.section.draw(now);
   }
 
@@ -159,12 +161,16 @@ class TraineeScreen implements Trainee {
     const training = this.model.training;
     if (state === "lost" && this.client.stopWaits) return "unstopped";
     if (canPause(state) && pauseState(this.model.status, this.model.programme !== null, training?.state) === "paused") return "paused";
-    if ((state !== "done" && state !== "rest") || training === null || !hasScore(training)) return state;
+    if ((state !== "done" && state !== "rest" && state !== "finished") || training === null || !hasScore(training)) return state;
     if (training.trial !== this.scoreTrial) {
       this.scoreTrial = training.trial;
       this.scoreUntil = now + SCORE_TIME;
+      this.restLasts = NaN;
     }
-    return now < this.scoreUntil && !(rest <= TICK) ? "done" : state;
+    if (state === "rest" && !Number.isFinite(this.restLasts)) this.restLasts = rest;
+    // A short rest is for the score, too: its last part tells that the next repetition comes.
+    const soon = Math.min(TICK, 0.3 * this.restLasts);
+    return now < this.scoreUntil && !(rest <= soon) ? "done" : state;
   }
 
   // The frame after the one that painted the word: only now it was handed to the screen.
