@@ -24,6 +24,7 @@ interface LaneKind {
   floor: number;
 }
 
+const LABEL_HEIGHT = 14; // [px]
 const KINDS: LaneKind[] = [
   { column: "x", label: "x", short: "x", reference: "rx", role: "actual", second: "path", tall: false, floor: 0.01 },
   { column: "y", label: "y", short: "y", reference: "ry", role: "actual", second: "path", tall: false, floor: 0.01 },
@@ -492,12 +493,16 @@ export class Lanes {
     c.beginPath();
     const marks = ticks(range.low, range.high, Math.max(2, Math.min(5, Math.floor((lane.height - 2 * pad) / 22))));
     const digits = marks.length > 1 ? Math.max(0, -Math.floor(Math.log10(marks[1]! - marks[0]!) + 1e-9)) : 0;
+    let written = Infinity;
     for (const v of marks) {
       const y = Math.round(ay + by * v) + 0.5;
       c.moveTo(left, y);
       c.lineTo(left + width, y);
-      // The first line of a lane is its name.
-      if (y > lane.top + 26 || (this.left > 60 && lane.kind.label.length === 1)) c.fillText(decimals(v, digits), left - 8, Math.min(lane.top + lane.height - 9, Math.max(lane.top + 8, y)));
+      // The first line of a lane is its name, and in a low lane there is no place for every number.
+      const place = Math.min(lane.top + lane.height - 9, Math.max(lane.top + 8, y));
+      if (written - place < LABEL_HEIGHT || !(y > lane.top + 26 || (this.left > 60 && lane.kind.label.length === 1))) continue;
+      c.fillText(decimals(v, digits), left - 8, place);
+      written = place;
     }
     c.stroke();
     c.beginPath();

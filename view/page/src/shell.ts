@@ -619,7 +619,10 @@ export class Shell {
       if (refused) this.notice("This address is not valid", "The server refused this page. Open the address that haptrace printed in the terminal.");
       return;
     }
-    if (m.refused === "over") this.banner("connection", "note", "The session is over. The page keeps what it received.");
+    if (m.refused === "over") {
+      const what = m.hello?.live === true ? "The session is over." : "haptrace view has ended.";
+      this.banner("connection", "note", `${what} The page keeps what it received.`);
+    }
     else if (refused) this.banner("connection", "problem", `The server refused this page: ${m.refused}. Open the address that haptrace printed in the terminal.`, true);
     else if (m.hello?.live === true) this.banner("connection", "warning", "No connection. The page connects again by itself; the figures are not current.", true);
     else this.banner("connection", "warning", "No connection. The page connects again by itself.");

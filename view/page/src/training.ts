@@ -113,7 +113,7 @@ export function wordsOf(state: ScreenState, training: TrainingMessage | null, re
     }
     case "rest":
       words.word = "Rest";
-      words.beside = Number.isFinite(rest) ? `${Math.max(0, Math.ceil(rest - 1e-6))} s` : "";
+      words.beside = Number.isFinite(rest) ? `${Math.max(1, Math.ceil(rest - 1e-6))} s` : "";
       words.sentence = training?.next ? `Next: ${training.next}` : "";
       break;
     case "question":
