@@ -390,8 +390,9 @@ Verb add_convert(CLI::App& app) {
       "  haptrace convert a.h5 -o shared.h5 --anonymise --precision 1um,1mN --compress 6");
   verb->add_option("file", a.input, "recording or path (-: standard input)")->type_name("FILE");
   verb->add_option(
-      "-o,--output", a.file,
-      "file to write (-: CSV on standard output; default: the input's name with .h5, or .csv if it is HDF5)");
+          "-o,--output", a.file,
+          "file to write (-: CSV on standard output; default: the input's name with .h5, or .csv if it is HDF5)")
+      ->type_name("FILE");
   verb->add_flag("--overwrite", a.overwrite, "replace an existing file");
   add_partial(*verb, a.partial);
   add_input_options(*verb, a.csv);

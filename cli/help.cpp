@@ -2,6 +2,7 @@
 
 #include "base/number.h"
 #include "base/units.h"
+#include "devices/registry.h"
 
 #include <algorithm>
 #include <array>
@@ -196,6 +197,11 @@ std::string shown_name(const CLI::Option& option) {
 }
 
 std::vector<std::string> choices_of(const CLI::Option& option) {
+  if (option.get_type_name() == "NAME[:...]") {
+    std::vector<std::string> devices;
+    for (const DeviceBackend& backend : device_backends()) devices.push_back(backend.name);
+    return devices;
+  }
   // Words separated by |, each optionally with an explanation in parentheses.
   const std::string text = std::regex_replace(option.get_description(), std::regex(R"( \([^)]*\)| *:[A-Z]+\b)"), "");
   std::smatch found;

@@ -20,7 +20,8 @@ Verb add_plot(CLI::App& app) {
   verb->footer("  haptrace plot played.h5\n  haptrace plot played.h5 -o played.pdf");
   verb->add_option("file", arguments->input, "recording (HDF5) or path (CSV)")->type_name("FILE");
   verb->add_option("-o,--output", arguments->file,
-                   "figure to write: .png, .svg or .pdf (default: FILE.png beside the input)");
+                   "figure to write: .png, .svg or .pdf (default: FILE.png beside the input)")
+      ->type_name("FILE");
   verb->add_flag("--overwrite", arguments->overwrite, "replace an existing file");
   add_input_options(*verb, arguments->csv);
   return {verb, [verb, arguments](const Output& output) {

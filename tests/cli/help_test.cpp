@@ -177,6 +177,8 @@ TEST(Completion, WorksInBash) {
   EXPECT_EQ(complete("haptrace play x.h5 --on-deviation s"), "stop\nsoften\n");
   EXPECT_EQ(complete("haptrace stability ensemble --dr"), "--draws\n");
   EXPECT_EQ(complete("haptrace plot '" + folder.path() + "/comp'"), file + "\n");
+  EXPECT_EQ(complete("haptrace convert a.h5 -o '" + folder.path() + "/comp'"), file + "\n");
+  EXPECT_EQ(complete("haptrace play x.h5 -d re"), "replay\n") << "a device";
   EXPECT_EQ(complete("haptrace play x.h5 --kp 1"), "\n") << "a number has no completion";
   EXPECT_EQ(complete("haptrace h"), "help\n");
   EXPECT_EQ(complete("haptrace help cal"), "calibrate\n");
