@@ -4,6 +4,7 @@
 #include "base/json_reader.h"
 #include "control/path/path_change.h"
 
+#include <algorithm>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -23,7 +24,7 @@ std::optional<ArmSupport::Options> recorded_support(const nlohmann::json& config
   if (!(up.norm() > 0)) throw input_error(where + ": up: has no length, so it is no direction");
   support.up = up.normalized();
   support.top = number_in(config, "support_top").value_or(support.top);
-  support.fade = number_in(config, "support_fade").value_or(support.fade);
+  support.fade = std::max(number_in(config, "support_fade").value_or(support.fade), 1e-4);  // as ArmSupport asks
   return support;
 }
 
