@@ -1,6 +1,7 @@
 // Reports of sessions and recordings as data.
 #include "report/session_report.h"
 
+#include "formats/recording/recorded_support.h"
 #include "report/page.h"
 #include "report/report_table.h"
 #include "tests/report/support.h"
@@ -219,6 +220,7 @@ TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
   for (const std::string mode : {"free", "tunnel"}) {
     test::Recorded recorded;
     recorded.header.config = {{"mode", mode}, {"stiffness", 700}};
+    if (mode == "tunnel") put_support(recorded.header.config, {.force = 1.5, .up = Vec3::UnitZ()});
     const std::string file = folder / (mode + "-guided.h5");
     test::write(file, rows_of(path, {}, Reference::guidance), Reference::guidance, recorded);
     const Report report = report_of(file);
@@ -226,6 +228,7 @@ TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
     EXPECT_EQ(exercise.mode, mode);
     EXPECT_EQ(exercise.trials[0].stiffness.has_value(), mode == "tunnel");
     EXPECT_EQ(exercise.trials[0].radius.has_value(), mode == "tunnel");
+    EXPECT_EQ(exercise.trials[0].support, mode == "tunnel" ? std::optional(1.5) : std::nullopt);
   }
 }
 
