@@ -164,7 +164,7 @@ class RecordedPath final : public PathSource {
  private:
   /// Returns the force of the path: that of the recording without the support of the arm.
   [[nodiscard]] Vec3 force_of(const Sample& sample) const {
-    const Vec3 recorded = measured_ ? sample.force_measured : sample.force;
+    Vec3 recorded = measured_ ? sample.force_measured : sample.force;
     if (!support_) return recorded;
     const Vec3 velocity = is_finite(sample.velocity) ? sample.velocity : Vec3(Vec3::Zero());
     const double risen = std::clamp((seconds(sample.time_ns) - recorded_from_) / ArmSupport::kRise, 0.0, 1.0);
