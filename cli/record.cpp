@@ -143,7 +143,8 @@ Verb add_record(CLI::App& app) {
   const auto arguments = std::make_shared<RecordArguments>();
   CLI::App* verb = app.add_subcommand("record", "record the hand's movement and force");
   verb->footer(
-      "The hand moves freely: without --scene and --support, no force is sent. Ctrl+C ends the recording and keeps every sample.\n"
+      "The hand moves freely: without --scene and --support, no force is sent. Ctrl+C ends the recording and keeps\n"
+      "every sample.\n"
       "Keys: m or space sets a mark, 1 to 9 a mark with one of --mark-texts, t a mark with a typed text; p pauses\n"
       "and resumes; q ends the recording.\n"
       "  haptrace record out.h5 -d falcon --duration 10\n"

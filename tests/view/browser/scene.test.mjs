@@ -537,7 +537,12 @@ test("A score is read before the rest that begins at once", () =>
     assert.equal(await tab.getByText("93", { exact: true }).isVisible(), false);
     await tab.evaluate((m) => globalThis.stage.training(m), training("rest", { trial: 4, rest_s: 2 }));
     await frames(tab, 2);
-    assert.ok(await tab.getByText("Rest", { exact: true }).isVisible(), "a short rest is announced at once");
+    assert.ok(await tab.getByText("93", { exact: true }).isVisible(), "a short rest is for the score, too");
+    await tab.getByText("Rest", { exact: true }).waitFor();
+    await tab.evaluate((m) => globalThis.stage.training(m), training("finished", { trial: 5 }));
+    await frames(tab, 2);
+    assert.ok(await tab.getByText("93", { exact: true }).isVisible(), "and the end of a session");
+    await tab.getByText("Finished", { exact: true }).waitFor();
   }));
 
 test("Go is reported once, with the frame that showed it, after that frame", () =>
