@@ -1,7 +1,6 @@
 // Reports of sessions and recordings as data.
 #include "report/session_report.h"
 
-#include "formats/recording/recorded_support.h"
 #include "report/page.h"
 #include "report/report_table.h"
 #include "tests/report/support.h"
@@ -220,7 +219,7 @@ TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
   for (const std::string mode : {"free", "tunnel"}) {
     test::Recorded recorded;
     recorded.header.config = {{"mode", mode}, {"stiffness", 700}};
-    if (mode == "tunnel") put_support(recorded.header.config, {.force = 1.5, .up = Vec3::UnitZ()});
+    if (mode == "tunnel") recorded.header.config.update({{"support", 1.5}, {"up", "0,0,1"}});
     const std::string file = folder / (mode + "-guided.h5");
     test::write(file, rows_of(path, {}, Reference::guidance), Reference::guidance, recorded);
     const Report report = report_of(file);
