@@ -24,8 +24,8 @@ bool ends_like_hdf5(const std::string& file) {
   return text == ".h5" || text == ".hdf5";
 }
 
-/// Returns notes about irregular sampling of a path.
-std::vector<std::string> sampling_notes(const Path& path) {
+/// Returns notes about irregular sampling of a path. Without `forces`, those are not judged.
+std::vector<std::string> sampling_notes(const Path& path, bool forces) {
   constexpr double kLongest = 9.2e18;  // [ns]
   SamplingReport report;
   Sample sample;
@@ -33,7 +33,7 @@ std::vector<std::string> sampling_notes(const Path& path) {
     sample.time_ns = std::llround(std::min((path.time[i] - path.time.front()) * 1e9, kLongest));
     sample.position = path.position[i];
     sample.velocity = path.velocity.empty() ? nan3() : path.velocity[i];
-    sample.force = path.force.empty() ? nan3() : path.force[i];
+    sample.force = path.force.empty() || !forces ? nan3() : path.force[i];
     report.add(sample);
   }
   return notes(report.result());
@@ -96,7 +96,8 @@ std::shared_ptr<const PathSource> open_path(const std::string& file, const PathS
                                                 : source_of(read_csv(file, csv), selection);
   const bool whole = !recorded || source->facts().rows <= kNotedRows;
   const Path noted = source->read(0, whole ? source->facts().rows : kNotedRows);
-  for (const std::string& note : sampling_notes(noted))
+  // A steady support of the arm looks like a sensor that is stuck, and what is left without it, too.
+  for (const std::string& note : sampling_notes(noted, source->facts().support == 0))
     source->note(whole ? note : fmt::format("the first {} samples: {}", kNotedRows, note));
   if (const double longest = source->facts().longest_interval;
       !whole && longest > 5 * noted.duration() / static_cast<double>(noted.size()))

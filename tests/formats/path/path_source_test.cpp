@@ -15,6 +15,7 @@ namespace {
 
 using testing::Contains;
 using testing::HasSubstr;
+using testing::Not;
 
 /// Returns a session with long stretches of each phase, so that runs start and end within blocks of the overview and
 /// cross their limits.
@@ -230,6 +231,7 @@ TEST(PathSource, LeavesTheSupportOfTheArmOutOfTheForcesOfARecording) {
     write_recording(file, session, {.force_measured = true}, header);
     const auto sent = open_path(file);
     EXPECT_EQ(sent->facts().support, 1.5);
+    EXPECT_THAT(sent->facts().notes, Not(Contains(HasSubstr("stuck"))));
     for (const Vec3& force : sent->read(0, sent->facts().rows).force)
       EXPECT_LT((force - (runs ? task : Vec3(Vec3::Zero()))).norm(), 1e-6);
     if (!runs) continue;
