@@ -363,7 +363,7 @@ TEST(TrackAssessment, FindsDelayAndGainOfHandsThatFollowTheTarget) {
   std::mt19937_64 random(3);
   const ReachTrial trial = goal_ahead(ReachGoal::track);
   double gains = 0, delays = 0;
-  constexpr int kSessions = 30;
+  constexpr int kSessions = 200;
   for (int session = 0; session < kSessions; ++session) {
     const double gain = std::uniform_real_distribution(0.6, 1.1)(random),
                  delay = std::uniform_real_distribution(0.1, 0.5)(random);
