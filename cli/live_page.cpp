@@ -103,7 +103,7 @@ void ViewArguments::add_to(CLI::App& app) {
 
 LivePage::LivePage(const ViewArguments& arguments, const SessionArguments& session, const Output& output,
                    std::string verb, StopRequest& stop)
-    : output_(output), verb_(std::move(verb)), stop_(stop), more_(verb_ == "run") {
+    : output_(output), verb_(std::move(verb)), stop_(stop) {
   const PageLost on_page_lost = parse_page_lost(arguments.on_page_lost);
   const bool steered = session.device.find("intent=view") != std::string::npos;
   if (!arguments.asked()) {

@@ -44,7 +44,7 @@ class LivePage final : public SessionObserver {
   void watch(SessionOptions& session);
 
   /// Tells the page whether a session follows the one that begins next: only the last one ends what it shows. As long
-  /// as nobody says so, none follows, except in a programme.
+  /// as nobody says so, none follows.
   void expect_more(bool more) noexcept { more_ = more; }
 
   /// Lets a page give commands as long as it lives. Destroy it before the commands.

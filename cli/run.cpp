@@ -474,6 +474,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
   page.watch(options.session);
+  page.expect_more(true);  // the end of the programme is release()
   LiveGuidance commands(command_options(options, stop));
   options.live = &commands;
   const LivePage::Use use(page, commands);

@@ -199,7 +199,8 @@ std::optional<PressFigures> press_figures(const Trial& trial, const ReachTrial& 
 
 std::optional<WeighFigures> weigh_figures(const Trial& trial, const ReachTrial& reach, const std::string& spoiled) {
   constexpr const char* kNobody = "no arm rested on the device, or the sensor states the force with the other sign";
-  // A lock that gave way ends the trial early. What it bore, as in a press, is a lower bound.
+  // A lock that gave way ends the trial early. The force that it held until then, measured as in a press, is a lower
+  // bound.
   if (!spoiled.empty()) {
     const std::optional<PressFigures> borne = press_figures(trial, reach, spoiled);
     if (!borne) return std::nullopt;

@@ -540,7 +540,7 @@ class LiveView::Sessions final : private PageHandler {
             {"lost_rows", sink.lost()}};
   }
 
-  /// Returns what becomes of the samples: "" without a recording, "armed" before its trigger, "paused" or "on".
+  /// Returns the state of the recording: "" without one, "armed" before its trigger, "paused" or "on".
   [[nodiscard]] const char* recording_state() const {
     if (!running_ || !view_.recording) return "";
     return view_.recording->armed ? "armed" : view_.recording->paused ? "paused" : "on";

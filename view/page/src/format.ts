@@ -60,7 +60,7 @@ export function phaseWord(phase: string): string {
   return PHASES[phase] ?? (phase === "" ? "" : phase[0]!.toUpperCase() + phase.slice(1));
 }
 
-// What a session does that has no phases: it only records.
+// Returns the word for a session that only records, and so has no phases.
 export function recordingWord(recording: string | undefined): string {
   return recording === "on" ? "Recording" : recording === "armed" ? "Waits for the trigger" : phaseWord("idle");
 }

@@ -84,7 +84,7 @@ export interface StatusMessage {
   deviation: number | null;
   speed: number | null;
   share: number;
-  // What becomes of the samples: "" without a recording, "armed" before its trigger, "paused", "on".
+  // State of the recording: "" without one, "armed" before its trigger, "paused" or "on".
   recording?: string;
   paused: boolean;
   ended: boolean;

@@ -717,7 +717,7 @@ class SceneOfModel implements SceneView {
   }
 
   private placeNotice(): void {
-    // What the browser lacks is read once; then it leaves its place to the scene.
+    // A person reads this notice once. Then it no longer covers the scene.
     if (this.withoutGl && this.withoutGlSince === null) {
       this.withoutGlSince = performance.now();
       window.setTimeout(() => this.invalidate(), NOTICE_TIME + 50);
