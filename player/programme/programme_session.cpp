@@ -675,12 +675,7 @@ class ProgrammeRun {
                                            const TrialWatch& watch, nlohmann::json config) {
     SessionOptions session = options_.session;
     session.loop.motors = &motors_;
-    if (trial.settings.support) {
-      session.support = {.force = *trial.settings.support, .up = programme_.up};
-      config.update(
-          {{"support", session.support.force},
-           {"up", fmt::format("{:.6g},{:.6g},{:.6g}", programme_.up.x(), programme_.up.y(), programme_.up.z())}});
-    }
+    if (trial.settings.support) session.support = {.force = *trial.settings.support, .up = programme_.up};
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =
