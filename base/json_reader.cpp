@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <iterator>
+#include <set>
 #include <string_view>
 #include <vector>
 
@@ -119,7 +120,7 @@ JsonReader::JsonReader(const json& object, std::string where, const char* separa
 }
 
 bool JsonReader::has(const std::string& key) {
-  known_.insert(key);
+  known_.try_emplace(key, false);
   return object_->contains(key);
 }
 
@@ -127,14 +128,19 @@ JsonReader& JsonReader::require(const std::string& key) {
   if (has(key)) return *this;
   std::vector<std::string> unknown;
   for (const auto& [name, value] : object_->items())
-    if (!asked_.contains(name)) unknown.push_back(name);
+    if (!is_asked(name)) unknown.push_back(name);
   const std::string typo = nearest(key, unknown);
   throw input_error(fmt::format("{}: '{}' is missing{}", where_, key,
                                 typo.empty() ? "" : fmt::format("; is '{}' meant to be it?", typo)));
 }
 
+bool JsonReader::is_asked(const std::string& key) const {
+  const auto found = known_.find(key);
+  return found != known_.end() && found->second;
+}
+
 const json* JsonReader::find(const std::string& key) {
-  asked_.insert(key);
+  known_[key] = true;
   const auto found = object_->find(key);
   return found != object_->end() ? &*found : nullptr;
 }
@@ -251,10 +257,9 @@ std::vector<JsonReader> JsonReader::objects(const std::string& key) {
 
 void JsonReader::finish() const {
   for (const auto& item : object_->items()) {
-    if (asked_.contains(item.key())) continue;
-    std::set<std::string> all = known_;
-    all.insert(asked_.begin(), asked_.end());
-    const std::vector<std::string> known(all.begin(), all.end());
+    if (is_asked(item.key())) continue;
+    std::vector<std::string> known;
+    for (const auto& [key, asked] : known_) known.push_back(key);
     throw input_error(fmt::format("{}: key '{}' is not known{}", where_, item.key(), suggestion(item.key(), known)));
   }
 }

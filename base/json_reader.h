@@ -5,9 +5,9 @@
 #include "base/types.h"
 
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -95,13 +95,13 @@ class JsonReader {
 
  private:
   JsonReader(const nlohmann::json& object, std::string where, const char* separator);
+  [[nodiscard]] bool is_asked(const std::string& key) const;
   const nlohmann::json* find(const std::string& key);
 
   const nlohmann::json* object_;
   std::string where_;
-  std::string prefix_;  ///< prefix of a key in errors: "my.json: " or "my.json: hand."
-  std::set<std::string> asked_;
-  std::set<std::string> known_;  ///< keys that were only looked for
+  std::string prefix_;                 ///< prefix of a key in errors: "my.json: " or "my.json: hand."
+  std::map<std::string, bool> known_;  ///< keys that the program knows; false if it only looked whether one is there
 };
 
 }  // namespace haptrace

@@ -115,6 +115,16 @@ TEST(JsonReader, SuggestsKeysThatWereOnlyLookedFor) {
   EXPECT_THAT(error_of([&] { reader.finish(); }), HasSubstr("support"));
 }
 
+TEST(JsonReader, RefusesAKeyThatWasOnlyLookedForAndNotRead) {
+  const json object{{"support", 1}};
+  JsonReader reader(object, "p.json");
+  EXPECT_TRUE(reader.has("support"));
+  EXPECT_THAT(error_of([&] { reader.finish(); }), HasSubstr("p.json: key 'support' is not known"));
+  (void)reader.number("support", 0);
+  EXPECT_TRUE(reader.has("support")) << "it does not forget that the key was read";
+  EXPECT_NO_THROW(reader.finish());
+}
+
 TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
   const json object =
       json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": [0, 0, 0],
