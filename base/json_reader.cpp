@@ -5,6 +5,7 @@
 #include "base/suggest.h"
 #include "base/text_file.h"
 #include "base/units.h"
+#include "base/vectors.h"
 
 #include <algorithm>
 #include <array>
@@ -183,12 +184,9 @@ Vec3 JsonReader::vector(const std::string& key, const Vec3& fallback, double min
 }
 
 Vec3 JsonReader::direction(const std::string& key, const Vec3& fallback) {
-  constexpr double kShortest = 1e-3;
   if (const json* value = find(key); value != nullptr && !value->is_array())
     wrong_type(prefix_ + key, "an array of three numbers", *value);
-  const Vec3 given = vector(key, fallback, -1, 1);
-  if (!(given.norm() > kShortest)) throw input_error(prefix_ + key + ": has no length, so it is no direction");
-  return given.normalized();
+  return direction_of(vector(key, fallback, -1, 1), prefix_ + key);
 }
 
 std::vector<double> JsonReader::numbers(const std::string& key, std::vector<double> fallback, std::size_t most,

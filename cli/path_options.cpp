@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/vectors.h"
 #include "devices/device.h"
 #include "formats/documents/device_frame.h"
 

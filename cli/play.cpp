@@ -2,6 +2,7 @@
 #include "base/json_reader.h"
 #include "base/suggest.h"
 #include "base/units.h"
+#include "base/vectors.h"
 #include "cli/input_options.h"
 #include "cli/live_page.h"
 #include "cli/path_options.h"

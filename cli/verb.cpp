@@ -7,10 +7,10 @@
 #include "base/suggest.h"
 #include "base/text_file.h"
 #include "base/units.h"
+#include "base/vectors.h"
 #include "cli/help.h"
 #include "cli/input_options.h"
 #include "cli/terminal.h"
-#include "control/path/path_change.h"
 #include "devices/device_spec.h"
 #include "devices/loop/recovering_device.h"
 
@@ -251,10 +251,7 @@ SessionOptions SessionArguments::options(const std::string& file, const nlohmann
   options.loop.realtime = !no_realtime;
   options.loop.away_timeout = wait_for_device;
   options.support.force = support;
-  const Vec3 upwards = parse_vector(up, "1", "--up");
-  const double largest = upwards.cwiseAbs().maxCoeff();  // the square of a large number is not finite
-  if (!(largest > 0)) throw input_error("--up has no length, so it is no direction");
-  options.support.up = (upwards / largest).normalized();
+  options.support.up = parse_direction(up, "--up");
   if (file.empty()) return options;
 
   // Formats of other programs, which could not read HDF5 under these names.

@@ -4,6 +4,7 @@
 #include "base/error.h"
 #include "base/number.h"
 #include "base/units.h"
+#include "base/vectors.h"
 #include "control/rotation.h"
 
 #include <algorithm>
@@ -70,12 +71,8 @@ Quat parse_rotation(std::string_view text) {
   if (axis_text.size() == 1 && std::string_view("xyz").find(axis_text) != std::string_view::npos)
     axis[static_cast<Eigen::Index>(axis_text[0] - 'x')] = 1;
   else
-    axis = parse_vector(axis_text, "1", "the axis of a rotation");
-  // Scaled first: the square of a large or small number is not finite, or zero.
-  const double largest = axis.cwiseAbs().maxCoeff();
-  if (!(largest > 0)) throw wrong("has an axis without a length");
-  axis /= largest;
-  return quaternion(*angle * axis.normalized()).normalized();
+    axis = parse_direction(axis_text, fmt::format("the axis of the rotation '{}'", text));
+  return quaternion(*angle * axis).normalized();
 }
 
 Quat Similarity::orientation(const Quat& q) const {
@@ -214,22 +211,6 @@ ChangeCentre parse_change_centre(std::string_view text) {
   if (text.find(',') == std::string_view::npos)
     throw input_error(fmt::format("'{}' is not a place; give origin, start, centre or a point X,Y,Z", text));
   return {.kind = Kind::point, .point = parse_vector(text, "m", "the point")};
-}
-
-Vec3 parse_vector(std::string_view text, std::string_view si, std::string_view what) {
-  Vec3 vector;
-  std::string_view rest = text;
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::size_t comma = axis < 2 ? rest.find(',') : rest.size();
-    const std::optional<double> value =
-        comma == std::string_view::npos ? std::nullopt : parse_quantity(rest.substr(0, comma), si);
-    if (!value)
-      throw input_error(fmt::format("{} is '{}'; it must be three numbers, separated by commas{}", what, text,
-                                    si == "1" ? "" : fmt::format(", each with or without a unit of {}", si)));
-    vector[axis] = *value;
-    rest.remove_prefix(std::min(rest.size(), comma + 1));
-  }
-  return vector;
 }
 
 }  // namespace haptrace

@@ -105,8 +105,4 @@ std::optional<int> parse_mirror(std::string_view text);
 /// Reads "origin", "start", "centre" or a point X,Y,Z [m]. Throws Error(input).
 ChangeCentre parse_change_centre(std::string_view text);
 
-/// Reads "10mm,0,0" with units of the quantity whose SI unit is `si`; `what` names it in the error. Throws
-/// Error(input).
-Vec3 parse_vector(std::string_view text, std::string_view si, std::string_view what);
-
 }  // namespace haptrace

@@ -1,8 +1,7 @@
 #include "formats/recording/recorded_support.h"
 
-#include "base/error.h"
 #include "base/json_reader.h"
-#include "control/path/path_change.h"
+#include "base/vectors.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -20,9 +19,7 @@ void put_support(nlohmann::json& config, const ArmSupport::Options& support) {
 std::optional<ArmSupport::Options> recorded_support(const nlohmann::json& config, const std::string& where) {
   ArmSupport::Options support{.force = number_in(config, "support").value_or(0)};
   if (!(support.force > 0)) return std::nullopt;
-  const Vec3 up = parse_vector(text_in(config, "up", "0,1,0"), "1", where + ": up");
-  if (!(up.norm() > 0)) throw input_error(where + ": up: has no length, so it is no direction");
-  support.up = up.normalized();
+  support.up = parse_direction(text_in(config, "up", "0,1,0"), where + ": up");
   support.top = number_in(config, "support_top").value_or(support.top);
   support.fade = std::max(number_in(config, "support_fade").value_or(support.fade), 1e-4);  // as ArmSupport asks
   return support;

@@ -128,12 +128,13 @@ TEST(JsonReader, RefusesAKeyThatWasOnlyLookedForAndNotRead) {
 TEST(JsonReader, ReadsListsOfNumbersAndDirections) {
   const json object =
       json::parse(R"({"f": [1, 2.5], "a": [0, -0.5, 0], "long": [1, 2, 3], "none": [], "zero": [0, 0, 0],
-                                      "text": "3cm", "big": [1, 7]})");
+                                      "text": "3cm", "big": [1, 7], "small": [0, 0, 1e-4]})");
   JsonReader reader(object, "x");
   EXPECT_EQ(reader.numbers("f", {}, 2), (std::vector<double>{1, 2.5}));
   EXPECT_EQ(reader.numbers("absent", {4}, 2), (std::vector<double>{4}));
   EXPECT_EQ(reader.direction("a", Vec3::UnitX()), -Vec3::UnitY());
   EXPECT_EQ(reader.direction("absent", Vec3::UnitX()), Vec3::UnitX());
+  EXPECT_EQ(reader.direction("small", Vec3::UnitX()), Vec3::UnitZ());
   EXPECT_THAT(error_of([&] { (void)reader.numbers("long", {}, 2); }), HasSubstr("x: long: expected a list of 1 to 2"));
   EXPECT_THAT(error_of([&] { (void)reader.numbers("none", {}, 2); }), HasSubstr("x: none: expected a list of 1 to 2"));
   EXPECT_THAT(error_of([&] { (void)reader.numbers("big", {}, 2, 0, 5); }), HasSubstr("x: big[1]: 7 is too large"));
