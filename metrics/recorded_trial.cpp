@@ -21,9 +21,10 @@
 namespace haptrace {
 namespace {
 
-constexpr std::array<std::string_view, 10> kTrialColumns{
+/// The last one is only needed for a support.
+constexpr std::array<std::string_view, 11> kTrialColumns{
     "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
-    "tunnel_radius", "phase",    "tick"};
+    "tunnel_radius", "phase",    "tick",  "velocity"};
 
 TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
   if (header.config.is_object() && header.config.contains("reach")) return TrialKind::reach;
@@ -360,12 +361,12 @@ RecordedTrial common_part(const RecordingHeader& header, const RecordingColumns&
   if (trial.kind == TrialKind::reach) trial.reach = reach_trial_from(JsonReader(config["reach"], file + ": reach"));
   if (config.is_object() && config.contains("sense"))
     trial.sense = sense_pair_from(JsonReader(config["sense"], file + ": sense"));
-  if (const auto support = recorded_support(config, file)) trial.support = support->force * support->up;
   return trial;
 }
 
 /// Adds a sample to a repetition. Throws Error(input) if it has too many.
-void add_sample(const Sample& sample, const RecordingColumns& columns, const std::string& file, RecordedTrial& trial) {
+void add_sample(const Sample& sample, const RecordingColumns& columns,
+                const std::optional<ArmSupport::Options>& support, const std::string& file, RecordedTrial& trial) {
   if (trial.time.size() >= kLongestTrial)
     throw input_error(
         fmt::format("{}: repetition {} has more than {} million samples, the limit of a report; cut out a part of "
@@ -381,6 +382,7 @@ void add_sample(const Sample& sample, const RecordingColumns& columns, const std
     trial.progress.push_back(sample.progress);
   }
   if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
+  if (support) trial.support.push_back(carried_force(*support, sample));
 }
 
 }  // namespace
@@ -389,8 +391,11 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   const RecordingColumns columns = reader.columns();
   std::uint64_t runs = 0;
   for (const RecordingSummary& block : reader.overview()) runs += block.run_rows;
-  const RecordedTrial common = common_part(reader.header(), columns, file);
+  const RecordingHeader header = reader.header();
+  const RecordedTrial common = common_part(header, columns, file);
   const std::optional<ReachTrial>& reach = common.reach;
+  const std::optional<ArmSupport::Options> support = recorded_support(header.config, file);
+  const auto needed = std::span(kTrialColumns).first(kTrialColumns.size() - (support ? 0U : 1U));
 
   std::vector<RecordedTrial> trials;
   // A reach whose cue never came has no rows.
@@ -398,7 +403,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   bool in_trial = false;
   constexpr std::uint64_t kRowsAtOnce = 65'536;
   for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
-    for (const Sample& sample : reader.read(row, kRowsAtOnce, kTrialColumns)) {
+    for (const Sample& sample : reader.read(row, kRowsAtOnce, needed)) {
       if ((runs > 0 || reach) && sample.phase != Phase::run) {
         in_trial = false;
         continue;
@@ -408,7 +413,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
         trials.back().repetition = static_cast<int>(trials.size());
         in_trial = true;
       }
-      add_sample(sample, columns, file, trials.back());
+      add_sample(sample, columns, support, file, trials.back());
     }
   if (reach &&
       (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press || reach->goal == ReachGoal::weigh)) {
@@ -423,16 +428,23 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
 
 namespace {
 
+/// Returns forces, if there are any, less the part of them that carried the arm.
+std::vector<Vec3> without(std::vector<Vec3> forces, std::span<const Vec3> support) {
+  for (std::size_t i = 0; i < std::min(forces.size(), support.size()); ++i) forces[i] -= support[i];
+  return forces;
+}
+
 /// Returns the share of the time in the tunnel in which the device helped along the path; nothing without such time.
 std::optional<double> helped_share(const RecordedTrial& trial, const Polyline& curve, const std::vector<double>& arc) {
   if (trial.force.empty() || trial.radius.empty()) return std::nullopt;
   constexpr double kFading = 0.5, kHelp = 0.1, kChord = 1e-3;  // [s], [N], [m]
+  const std::vector<Vec3> unsupported = without(trial.force, trial.support);
   double helped = 0, known = 0;
   for (std::size_t i = 0; i + 1 < trial.time.size(); ++i) {
     const double distance = (trial.position[i] - curve.at(arc[i])).norm();
     if (trial.time[i] - trial.time.front() < kFading || !(distance <= trial.radius[i]) || !std::isfinite(arc[i]))
       continue;
-    Vec3 force = trial.force[i] - trial.support;
+    Vec3 force = unsupported[i];
     if (!trial.expert.empty() && trial.expert[i].allFinite()) force -= trial.force_scale * trial.expert[i];
     const Vec3 tangent = (curve.at(arc[i] + kChord) - curve.at(arc[i] - kChord)).normalized();
     const double step = trial.time[i + 1] - trial.time[i];
@@ -468,13 +480,6 @@ std::optional<TrialPath> path_of(const RecordedTrial& trial) {
 }
 
 namespace {
-
-/// Returns forces less one that acted all the time.
-std::vector<Vec3> without(std::vector<Vec3> forces, const Vec3& steady) {
-  if (!steady.isZero(0))
-    for (Vec3& force : forces) force -= steady;
-  return forces;
-}
 
 /// Computes the metrics of shape and force along the path, of a trial that was aligned with it.
 void add_path_figures(TrialFigures& figures, const RecordedTrial& trial, const TrialPath& path,

@@ -40,10 +40,10 @@ struct RecordedTrial {
   std::vector<Vec3> expert;      ///< expert's force at that point, as recorded [N]
   std::vector<double> progress;  ///< arc length of that point [m]
   std::vector<double> radius;    ///< tunnel radius at that point [m]
+  std::vector<Vec3> support;     ///< part of the sent force that carried the arm's weight [N]
   double force_scale = 1;        ///< factor on the expert's force as felt; negative if the trainee had to overcome it
   std::optional<ReachTrial> reach;  ///< its places and field
   std::optional<SensePair> sense;   ///< where it shows the two places of a pair
-  Vec3 support = Vec3::Zero();      ///< part of the sent force that carried the arm's weight [N]
   std::string spoiled;              ///< why a clamp or a lock did not act as planned; empty otherwise
 };
 

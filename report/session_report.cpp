@@ -6,6 +6,7 @@
 #include "control/event_words.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
+#include "formats/recording/recorded_support.h"
 #include "report/course.h"
 #include "report/thinning.h"
 
@@ -360,6 +361,7 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
                           .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind, header.config),
                           .path = expert.empty() ? path_name : expert};
   const bool alone = exercise.mode == "free";
+  const std::optional<ArmSupport::Options> support = recorded_support(header.config, name);
   for (const RecordedTrial& one : recorded) {
     const bool guided = (one.kind == TrialKind::guided || one.kind == TrialKind::cursor) && !alone;
     exercise.trials.push_back({.repetition = one.repetition,
@@ -369,7 +371,7 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
                                            : std::nullopt,
                                .radius = alone ? std::nullopt : typical(one.radius),
                                .stiffness = guided ? number_in(header.config, "stiffness") : std::nullopt,
-                               .support = one.support.isZero() ? std::nullopt : std::optional(one.support.norm()),
+                               .support = support ? std::optional(support->force) : std::nullopt,
                                .duration = one.time.back() - one.time.front()});
   }
   return exercise;

@@ -134,7 +134,6 @@ class RecordedPath final : public PathSource {
     if (facts_.cut_short) note("this repetition was cut short by a time limit, a stop or a fault");
     cut(selection);
     only_records_ = whole.runs == 0 && reader_.header().scene.empty();
-    recorded_from_ = time_of(0);
     measure(overview, whole.runs > 0);
   }
 
@@ -166,9 +165,7 @@ class RecordedPath final : public PathSource {
   [[nodiscard]] Vec3 force_of(const Sample& sample) const {
     Vec3 recorded = measured_ ? sample.force_measured : sample.force;
     if (!support_) return recorded;
-    const Vec3 velocity = is_finite(sample.velocity) ? sample.velocity : Vec3(Vec3::Zero());
-    const double risen = std::clamp((seconds(sample.time_ns) - recorded_from_) / ArmSupport::kRise, 0.0, 1.0);
-    Vec3 carried = risen * ArmSupport::steady(*support_, sample.position, velocity);
+    Vec3 carried = carried_force(*support_, sample);
     // Nothing else acted in a session that only records: at its end the support fades, and no force remains.
     if (only_records_ && !measured_ && recorded.norm() < carried.norm()) carried = recorded;
     return recorded - (measured_ && negated_ ? -1.0 : 1.0) * carried;
@@ -366,7 +363,6 @@ class RecordedPath final : public PathSource {
   bool measured_;              ///< the force is the measured one
   bool negated_;               ///< ... of the hand on the device
   bool only_records_ = false;  ///< no force but that of the support was sent
-  double recorded_from_ = 0;   ///< [s]
   std::optional<ArmSupport::Options> support_;
   Rows rows_;  ///< rows of the recording
 };

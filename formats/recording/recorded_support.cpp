@@ -25,4 +25,12 @@ std::optional<ArmSupport::Options> recorded_support(const nlohmann::json& config
   return support;
 }
 
+Vec3 carried_force(const ArmSupport::Options& support, const Sample& sample) noexcept {
+  if (!is_finite(sample.position)) return Vec3::Zero();
+  const Vec3 velocity = is_finite(sample.velocity) ? sample.velocity : Vec3(Vec3::Zero());
+  // The time counts from the session's first tick, also in a later part and in a piece that was cut out.
+  const double risen = std::clamp(1e-9 * static_cast<double>(sample.time_ns) / ArmSupport::kRise, 0.0, 1.0);
+  return risen * ArmSupport::steady(support, sample.position, velocity);
+}
+
 }  // namespace haptrace

@@ -1,9 +1,12 @@
 // Metrics of trials that are written as recordings and read back.
 #include "metrics/recorded_trial.h"
 
+#include "formats/documents/reach_task.h"
+#include "formats/recording/recorded_support.h"
 #include "tests/report/support.h"
 #include "tests/support/errors.h"
 
+#include <algorithm>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <numbers>
@@ -115,6 +118,42 @@ TEST(RecordedTrial, MeasuresTheTimeInWhichTheDeviceHelpedAlongThePath) {
   EXPECT_GT(half, 0.3);
   EXPECT_LT(half, 0.7);
   EXPECT_FALSE(figures_of({}, Reference::playback).helped);
+}
+
+TEST(RecordedTrial, LeavesASupportThatRisesAndFadesOutOfTheFieldShare) {
+  constexpr double kCue = 1, kReaction = 0.25, kTime = 0.5;  // [s]
+  const ReachTrial reach{.geometry = {.target = Vec3(0.1, 0, 0), .lateral = Vec3::UnitY()},
+                         .field = curl_field(13, Vec3::UnitZ()),
+                         .field_block = true};
+  // At the height of the reach, a third of the support is left, and a part of that as the hand rises. It acts across
+  // the reach, as the field does.
+  const ArmSupport::Options support{.force = 1.5, .up = Vec3::UnitY(), .top = 0.01, .fade = 0.03};
+  for (const bool supported : {false, true}) {
+    test::Recorded recorded;
+    recorded.header.config["reach"] = json_of(reach);
+    if (supported) put_support(recorded.header.config, support);
+    std::vector<Sample> rows;
+    for (std::size_t i = 0; i < 2500; ++i) {
+      const double t = 1e-3 * static_cast<double>(i);
+      const MinJerk blend = MinJerk::at(std::clamp((t - kCue - kReaction) / kTime, 0.0, 1.0));
+      const Vec3 velocity(0.1 * blend.ds / kTime, 0, 0);
+      Sample& row = rows.emplace_back();
+      row.tick = i;
+      row.time_ns = static_cast<std::int64_t>(i) * 1'000'000;
+      row.position = Vec3(0.1 * blend.s, 0, 0);
+      row.velocity = velocity + 0.3 * Vec3::UnitY();  // an estimate that is wrong, on which the support acts
+      row.phase = t < kCue ? Phase::approach : Phase::run;
+      row.force = reach.field * velocity;
+      if (supported)
+        row.force += std::min(t / ArmSupport::kRise, 1.0) * ArmSupport::steady(support, row.position, row.velocity);
+    }
+    const std::vector<RecordedTrial> trials = written(rows, Reference::none, recorded);
+    ASSERT_EQ(trials.size(), 1);
+    EXPECT_EQ(trials[0].support.size(), supported ? trials[0].time.size() : 0);
+    const TrialFigures figures = trial_figures(trials[0], std::nullopt);
+    ASSERT_TRUE(figures.reach);
+    EXPECT_NEAR(figures.reach->field_share.value_or(-1), 1, 0.01) << supported;
+  }
 }
 
 TEST(RecordedTrial, AsksForTheEndOfAPathAsTheSessionDoes) {

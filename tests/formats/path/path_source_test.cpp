@@ -240,6 +240,24 @@ TEST(PathSource, LeavesTheSupportOfTheArmOutOfTheForcesOfARecording) {
   }
 }
 
+TEST(PathSource, TakesTheSupportAsRisenInAPieceThatBeginsInTheMidstOfASession) {
+  const ArmSupport::Options support{.force = 1.5, .up = Vec3::UnitZ()};
+  const Vec3 task(0.4, 0, -0.3);
+  std::vector<Sample> session = session_of_runs(2, 6000);
+  for (std::size_t i = 0; i < session.size(); ++i) {
+    session[i].time_ns = static_cast<std::int64_t>(60'000 + i) * 1'000'000;
+    session[i].velocity = Vec3::Zero();
+    session[i].force = task + ArmSupport::steady(support, session[i].position, session[i].velocity);
+  }
+  const TempFolder folder;
+  const std::string file = folder / "piece.h5";
+  RecordingHeader header;
+  put_support(header.config, support);
+  write_recording(file, session, {}, header);
+  const auto piece = open_path(file);
+  for (const Vec3& force : piece->read(0, piece->facts().rows).force) EXPECT_LT((force - task).norm(), 1e-6);
+}
+
 TEST(PathSource, SaysWhyNothingCanBeChosen) {
   const TempFolder folder;
   const std::string file = folder / "a.h5";
