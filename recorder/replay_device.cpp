@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "devices/device_spec.h"
 #include "devices/loop/prefetcher.h"
+#include "formats/documents/device_profile.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 #include "formats/recording/recording_summary.h"
@@ -33,7 +34,7 @@ class RecordedRows {
     info_.natural_duration = summary.duration();
     set_workspace(info_, summary.bounds);
     const RecordingHeader header = reader_.header();
-    info_.model = header.device_model.empty() ? "a device without a name" : header.device_model;
+    info_.model = device_in_words(DeviceIdentity{header.device_backend, header.device_model, ""});
     info_.serial = header.device_serial;
     info_.position_resolution = header.position_resolution_m;
     info_.max_force = header.max_force_n;

@@ -364,6 +364,11 @@ std::string name_of(const DeviceIdentity& device) {
 
 }  // namespace
 
+std::string device_in_words(const DeviceIdentity& device) {
+  if (device.model.empty()) return "a device without a name";
+  return device.serial.empty() ? device.model : fmt::format("{} {}", device.model, device.serial);
+}
+
 json to_json(const DeviceProfile& profile) {
   json object{{"format", kProfileFormat},
               {"format_version", kProfileVersion},

@@ -17,6 +17,10 @@ struct DeviceIdentity {
   bool operator==(const DeviceIdentity&) const = default;
 };
 
+/// Returns the model and the serial number of a device for users, as far as they are known: "a device without a name"
+/// if it has no model.
+std::string device_in_words(const DeviceIdentity& device);
+
 /// Properties that a device reported when it was calibrated.
 struct DeviceFacts {
   double max_force = 0;            ///< [N]

@@ -15,11 +15,6 @@ namespace {
 constexpr EnumNames<ReplayedForce, 3> kForces{"force of the expert", {"task", "measured", "sent"}};
 constexpr const char* kProfileBeside = "profile.json";  // as in the folder of a session
 
-std::string device_in_words(const DeviceIdentity& device) {
-  if (device.model.empty()) return "a device without a name";
-  return device.serial.empty() ? device.model : fmt::format("{} {}", device.model, device.serial);
-}
-
 /// A profile and where it was found.
 struct Found {
   DeviceProfile profile;

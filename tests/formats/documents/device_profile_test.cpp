@@ -175,6 +175,12 @@ TEST_F(DeviceProfiles, AreFoundByTheIdentityOfTheirDeviceAndNoOther) {
   EXPECT_FALSE(find_profile({"sim", "Novint_Falcon", "0a1b"}));
 }
 
+TEST(DeviceInWords, HasModelAndSerialNumberAsFarAsTheyAreKnown) {
+  EXPECT_EQ(device_in_words({"sim", "Novint Falcon", "0a1b"}), "Novint Falcon 0a1b");
+  EXPECT_EQ(device_in_words({"sim", "Novint Falcon", ""}), "Novint Falcon");
+  EXPECT_EQ(device_in_words({"sim", "", "0a1b"}), "a device without a name");
+}
+
 TEST_F(DeviceProfiles, HaveFileNamesThatEveryFileSystemTakes) {
   const DeviceIdentity wild{"../../etc", std::string(300, 'x') + "/\n", "a b:\xC3\xA9"};
   const std::string name = std::filesystem::path(profile_file(wild)).filename().string();
