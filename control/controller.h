@@ -21,6 +21,7 @@ struct State {
   Vec3 force_applied = Vec3::Zero();  ///< force sent at the previous tick, after all limits [N]
   double share_applied = 1;           ///< share of the last command's feedback force in it: softening, fades and limits
   bool softened = false;              ///< a monitor has softened that feedback force
+  bool vibrated = false;              ///< because it vibrated, not because loop or hand swayed
   Vec3 force_touched = Vec3::Zero();  ///< part of it that the objects of a scene exerted, beside this controller [N]
   std::uint32_t buttons = 0;
 };
@@ -54,6 +55,9 @@ struct Command {
   /// Gains of the feedback in wrench.force on each axis of W [N/m], [N s/m]; NaN if it follows no reference. The loop
   /// scales them like that force.
   Vec3 kp = nan3(), kd = nan3();
+  /// True at the tick from which on another law, or gentler gains, compute the feedback: what was softened because the
+  /// one before vibrated is given back (ReactionLadder::renew).
+  bool renewed = false;
   Phase phase = Phase::idle;
   Status status = Status::working;
   /// Time for which the hand may resist before the loop ends the session [s]; 0: no limit. The hand resists while it

@@ -37,6 +37,13 @@ std::optional<Event> ForceGuard::watch(const Wrench& sent, const Vec3& position,
   return event;
 }
 
+std::optional<Event> ForceGuard::renew() noexcept {
+  const double before = ladder_.target();
+  ladder_.renew();
+  if (ladder_.target() == before) return std::nullopt;
+  return Event{.code = EventCode::feedback_renewed, .values = {before, ladder_.target(), kNaN}};
+}
+
 const VibrationSummary& ForceGuard::summary() noexcept {
   summary_.watched = true;
   summary_.share = ladder_.target();

@@ -28,6 +28,12 @@ class ForceGuard {
     return {.force = feedforward + share() * (asked.force - feedforward), .torque = share() * asked.torque};
   }
 
+  /// Tells the guard that other gains compute the feedback from now on. Returns the event of what they get back.
+  std::optional<Event> renew() noexcept;
+
+  /// Returns true from a vibration of the feedback until other gains compute it.
+  [[nodiscard]] bool vibrated() const noexcept { return ladder_.softened(); }
+
   /// Returns the share to which soften() scales feedback.
   [[nodiscard]] double share() const noexcept { return ladder_.share(); }
 

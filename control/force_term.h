@@ -38,6 +38,11 @@ class ForceTerm {
     return {};
   }
 
+  /// Returns true if another law computes the feedback from the last force on; see Command::renewed.
+  ///
+  /// Real-time.
+  [[nodiscard]] virtual bool renewed() const noexcept { return false; }
+
   /// Returns true if the term responds to the position, and thus oscillates when the loop does. Otherwise its force is
   /// known beforehand, from the reference.
   [[nodiscard]] virtual bool feeds_back() const noexcept { return false; }

@@ -8,6 +8,7 @@ namespace {
 constexpr double kRamp = 0.02;  // duration of a step [s]
 constexpr double kFastFactor = 0.3, kFastLeast = 0.05;
 constexpr double kFastWait = 0.12;     // [s]
+constexpr double kRenewal = 0.5;       // in which other gains get the feedback back [s]
 constexpr double kRemainsWait = 0.25;  // [s]: the time over which the monitor looks for a remainder
 constexpr double kSlowFactor = 0.5, kSlowLeast = 0.2;
 constexpr double kSlowWait = 0.25, kSlowPeriods = 2;  // [s], periods
@@ -44,6 +45,13 @@ bool ReactionLadder::Share::step_down(double factor, double least) noexcept {
 void ReactionLadder::Share::advance(double dt) noexcept {
   since += dt;
   if (share > target) share = std::max(target, share - slope * dt);
+  if (share < target) share = std::min(target, share + slope * dt);
+}
+
+void ReactionLadder::renew() noexcept {
+  if (!softened() || beyond_help_) return;
+  fast_.target = 1;
+  fast_.slope = (1 - fast_.share) / kRenewal;
 }
 
 std::optional<Event> ReactionLadder::event_of(const VibrationAlarm& alarm) noexcept {

@@ -17,8 +17,8 @@ namespace haptrace {
 /// A fast alarm (energy, half_cycles, contacts, torque) reduces the share to 0.3 of itself within 20 ms, and again
 /// after 120 ms for as long as alarms arrive, to no less than 0.05. If an alarm arrives at 0.05, softening cannot help,
 /// and the session must end; contacts alone do not end one. A remainder of a vibration 0.25 s after a step reduces the
-/// share as well, but does not end the session. This share does not recover within the session: gains that vibrated
-/// once will do so again.
+/// share as well, but does not end the session. This share does not recover: gains that vibrated once will do so again.
+/// Only other gains get it back, over 0.5 s; see renew().
 ///
 /// The slow hint halves a share of its own, which never ends a session, waits for max(0.25 s, 2 periods), and stops at
 /// 0.2. After 2 s without a hint it recovers over 5 s; after three returns of the hint it stays. All of this can be
@@ -34,6 +34,10 @@ class ReactionLadder {
     return advance(alarm, dt);
   }
 
+  /// Gives back the share that fast alarms took: from now on, other gains compute the feedback. Does nothing if none
+  /// was taken, or if softening could not help.
+  void renew() noexcept;
+
   /// Returns the factor on the feedback.
   [[nodiscard]] double share() const noexcept { return fast_.share * slow_.share; }
   /// Returns the share at the end of a running ramp.
@@ -48,7 +52,7 @@ class ReactionLadder {
  private:
   struct Share {
     double share = 1, target = 1;
-    double slope = 0;    ///< rate of a step down [1/s]
+    double slope = 0;    ///< rate of a step down, or of a renewal [1/s]
     double since = 1e9;  ///< time since the last step [s]
     /// Returns true if the share goes down.
     bool step_down(double factor, double least) noexcept;

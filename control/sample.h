@@ -106,6 +106,7 @@ enum class EventCode : std::int32_t {
   place_in_doubt = 100,  ///< the trainee's place on the path is undecidable, the expert's force fades; values: time so
                          ///< far [s], present place [m], other place [m]
   tank_empty = 101,      ///< the energy tank of guidance is empty; values: time so far [s], share of the active forces
+  feedback_renewed = 102,  ///< other feedback replaces one that vibrated; values: share so far, share from now on
 };
 
 /// An event at a tick. Plain data: describe() makes its text outside the tick.

@@ -320,6 +320,7 @@ class ServoLoop::Session {
     state.force_applied = wrench_.force;
     state.share_applied = share_;
     state.softened = guard_ && guard_->share() < 1;
+    state.vibrated = guard_ && guard_->vibrated();
 
     // The force on a device that is away is unknown, so this time does not count as cooling of its motors.
     if (!away_since_ns_) {
@@ -564,6 +565,8 @@ class ServoLoop::Session {
   void shape(const Command& command, const State& state) noexcept {
     const SafetyLimits& limits = loop_.options_.limits;
     const double dt = first_ ? 0 : state.dt;
+    if (command.renewed && guard_)
+      if (const auto event = guard_->renew()) push_event(state.time_ns, *event);
     Wrench asked = guard_ ? guard_->soften(command.wrench, command.feedforward) : command.wrench;
     double scale = 1;
     switch (mode_) {

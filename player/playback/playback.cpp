@@ -11,6 +11,7 @@
 #include "control/oscillation_monitor.h"
 #include "control/path/trajectory.h"
 #include "control/pd.h"
+#include "control/stand_in_law.h"
 #include "devices/loop/servo_loop.h"
 #include "formats/path/path_thinning.h"
 #include "player/device_path.h"
@@ -172,6 +173,15 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   return table;
 }
 
+/// Returns the law with plain PD control as its stand-in, if the device bore that in the trials of its calibration. If
+/// the operator chose the gains, they stay.
+std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own,
+                                         const PlayOptions& options) {
+  const auto& held = options.identified->held;
+  if (!held || !held->design(Firmness::normal).verdict.tried || options.gains || options.impedance) return law;
+  return std::make_unique<StandInLaw>(std::move(law), own, options.identified->design.plain);
+}
+
 /// Creates the terms of the law. Each term receives the sum of those before it, hence the order: known load, feedback,
 /// inertia; an LQG law comes last.
 ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOptions& options,
@@ -196,18 +206,21 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   if (plan.lqg) {  // which takes all that comes before it for feedforward
     const auto& inertia = options.identified->held->inertia;
     if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->plant.mass, inertia));
-    terms.push_back(std::make_unique<LqgLaw>(LqgLaw::Options{.axes = *plan.lqg,
-                                                             .position_resolution = resolution(),
-                                                             .authority = options.identified->design.authority,
-                                                             .inertia = inertia}));
+    auto law = std::make_unique<LqgLaw>(LqgLaw::Options{.axes = *plan.lqg,
+                                                        .position_resolution = resolution(),
+                                                        .authority = options.identified->design.authority,
+                                                        .inertia = inertia});
+    terms.push_back(with_stand_in(std::move(law), gains_of(*plan.lqg), options));
     return terms;
   }
-  if (with.observer)
-    terms.push_back(std::make_unique<ObserverPd>(ObserverPd::Options{.design = options.identified->design,
-                                                                     .rate_hz = options.session.loop.rate_hz,
-                                                                     .position_resolution = resolution()}));
-  else
+  if (with.observer) {
+    auto law = std::make_unique<ObserverPd>(ObserverPd::Options{.design = options.identified->design,
+                                                                .rate_hz = options.session.loop.rate_hz,
+                                                                .position_resolution = resolution()});
+    terms.push_back(with_stand_in(std::move(law), options.identified->design.gains, options));
+  } else {
     terms.push_back(std::make_unique<PdLaw>());
+  }
   if (with.inertia) terms.push_back(std::make_unique<InertiaFeedforward>(options.identified->design.mass));
   return terms;
 }

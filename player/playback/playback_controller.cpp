@@ -108,6 +108,7 @@ Command PlaybackController::update(const State& state) noexcept {
       command.feedforward += force;
       continue;
     }
+    command.renewed |= term->renewed();
     const PdGains own = term->gains(tuning);
     gains = {gains.kp + own.kp, gains.kd + own.kd};
   }
