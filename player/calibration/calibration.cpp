@@ -4,6 +4,7 @@
 #include "control/design/identification.h"
 #include "control/design/inertia_identification.h"
 #include "control/design/multisine.h"
+#include "control/filters.h"
 #include "control/path/min_jerk.h"
 #include "control/pd.h"
 #include "player/calibration/calibration_plan.h"
@@ -52,6 +53,9 @@ constexpr double kDitherOfForce = kMostDither / 0.7;  // share of the permitted 
 constexpr double kLargestDither = 2;                  // rms per axis [N]
 constexpr double kLargestForce = 15;                  // bound for strong devices [N]
 constexpr double kDitherSpeed = 0.25;  // rms velocity from the excitation, as a share of the sweeps' peak speed
+constexpr int kMostSofter = 3;         // how often the gains may be halved
+constexpr double kMostRinging = 0.7;   // feedback over excitation above it, squares
+constexpr double kRinging = 15;        // [Hz]
 constexpr double kLeastMotion = 0.25;  // share of the requested speed below which a device counts as blocked
 
 // Constants of a second, gentler session. It runs when the excitation of the first one did not move the device enough
@@ -70,9 +74,8 @@ std::span<const double> sweep_sizes(bool full) {
   return full ? std::span<const double>(kFullSizes) : std::span<const double>(kQuickSizes);
 }
 
-double dither_windows(bool full) {
-  return full ? 8 : 2;
-}
+constexpr double kWindows = 2, kMoreWindows = 8;  // number of periods of the excitation signal at the centre
+constexpr double kMostScatter = 0.15;             // between the responses in the first two, see FirstLook::scatter
 
 /// Returns the frequency of the swing [Hz]. Multisine has no lines at its harmonics.
 double swing_hz(const CalibrationPlan& plan) {
@@ -217,6 +220,20 @@ class FirstLook {
     return differences[kLines / 2] < kAlike;
   }
 
+  /// Returns how much the responses along `axis` differ from those in `other`: |a - b| / (|a| + |b|), the median over
+  /// the lines.
+  [[nodiscard]] double scatter(const FirstLook& other, int axis) const noexcept {
+    std::array<double, kLines> differences{};
+    const auto i = static_cast<std::size_t>(axis);
+    for (std::size_t line = 0; line < kLines; ++line) {
+      const std::complex<double> a = sums_[i][line].position[i] / sums_[i][line].hum,
+                                 b = other.sums_[i][line].position[i] / other.sums_[i][line].hum;
+      differences[line] = std::abs(a - b) / std::max(std::abs(a) + std::abs(b), 1e-12);
+    }
+    std::sort(differences.begin(), differences.end());
+    return differences[kLines / 2];
+  }
+
   /// Returns the amplitude of the movement along `axis`, the median over the lines [m].
   [[nodiscard]] double amplitude(int axis) const noexcept {
     std::array<double, kLines> all{};
@@ -261,7 +278,11 @@ class CalibrationController final : public Controller {
         sizes_(sweep_sizes(plan.full)),
         gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
         swing_size_(swing_size(plan)),
-        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
+        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))),
+        pulled_(FilterKind::high_pass, kRinging, plan.rate_hz),
+        hummed_(FilterKind::high_pass, kRinging, plan.rate_hz),
+        windows_(plan.full ? kMoreWindows : kWindows),
+        compared_(plan.full || plan.places.empty()) {}
 
   /// For a device of about `mass` [kg], which sets the damping and bounds the movement to the acceleration that the
   /// force allows. The response of the first look is not judged again: its excitation hardly moves a heavy device.
@@ -305,6 +326,8 @@ class CalibrationController final : public Controller {
     if (asked > most) pull *= most / asked;
     command.wrench.force = pull + hum;
     command.feedforward = hum;
+    listen(pull, hum, now);
+    command.renewed = tames(state, now);
 
     const double deviation = driven_part(reference.position - state.position).norm();
     if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {
@@ -402,7 +425,10 @@ class CalibrationController final : public Controller {
         break;
       case Stage::swing:
         // The reference continues where the look left it.
+        if (since >= swing_begin_ && !measures_ && !calm_ && calms_down(now)) return;
+        calm_ = since >= swing_begin_;
         measures_ = since >= swing_begin_ && since < swing_begin_ + swing_time();
+        if (measures_) compare_windows(state, now, since);
         if (since >= swing_begin_ + swing_time()) dither_wanted_ = Vec3::Zero();
         if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
         break;
@@ -449,7 +475,21 @@ class CalibrationController final : public Controller {
     }
   }
 
-  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
+  [[nodiscard]] double swing_time() const noexcept { return windows_ * plan_.dither.period(); }
+
+  /// Compares the responses in the first two windows, and adds further ones if the hand moves the device about as much
+  /// as the excitation does. The two looks are free during the swing.
+  void compare_windows(const State& state, double now, double since) noexcept {
+    constexpr double kEnough = 0.98;  // of a window; the rest hardly counts
+    if (compared_) return;
+    const double windows = (since - swing_begin_) / plan_.dither.period();
+    FirstLook& look = windows < 1 ? before_ : there_;
+    look.add(state, now, windows - std::floor(windows), reference(since).velocity, plan_.dither.value(now));
+    if (windows < 1 + kEnough) return;
+    compared_ = true;
+    for (int axis = 0; axis < 3; ++axis)
+      if (driven(axis) && there_.scatter(before_, axis) > kMostScatter) windows_ = kMoreWindows;
+  }
   [[nodiscard]] double sweep_time() const noexcept {
     return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
   }
@@ -501,6 +541,46 @@ class CalibrationController final : public Controller {
     dither_wanted_ = dither_measured_ = dither;
     swing_begin_ = now - began_ + kSettle;
     stage_ = Stage::swing;
+    before_.reset();
+    there_.reset();
+  }
+
+  /// Compares feedback and excitation above kRinging in the second half of the time in which the swing settles.
+  void listen(const Vec3& pull, const Vec3& hum, double now) noexcept {
+    const Vec3 pulled = pulled_.update(pull), hummed = hummed_.update(hum);
+    if (stage_ != Stage::swing || measures_ || now - began_ < swing_begin_ - 0.5 * kSettle) return;
+    pull_ripple_ += pulled.cwiseAbs2();
+    hum_ripple_ += hummed.cwiseAbs2();
+  }
+
+  /// Halves the gains of the axes on which the loop amplifies the excitation, and lets the movement settle again.
+  /// Returns false if there is none. Gains for the mass that the look saw drive a link that swings.
+  [[nodiscard]] bool calms_down(double now) noexcept {
+    if (softer_ >= kMostSofter) return false;
+    bool rings = false;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!driven(axis) || !(pull_ripple_[axis] > kMostRinging * hum_ripple_[axis])) continue;
+      gains_.kp[axis] *= 0.5;
+      gains_.kd[axis] *= 0.5;
+      rings = true;
+    }
+    pull_ripple_ = hum_ripple_ = Vec3::Zero();
+    if (!rings) return false;
+    ++softer_;
+    swing_begin_ = now - began_ + kSettle;
+    return true;
+  }
+
+  /// Halves all gains after a vibration, which the loop has softened meanwhile. Returns true if it did.
+  [[nodiscard]] bool tames(const State& state, double now) noexcept {
+    if (!state.vibrated || softer_ >= kMostSofter) return false;
+    ++softer_;
+    for (PdGains* gains : {&gains_, &centre_gains_}) {
+      gains->kp *= 0.5;
+      gains->kd *= 0.5;
+    }
+    if (stage_ == Stage::swing && !measures_) swing_begin_ = now - began_ + kSettle;
+    return true;
   }
 
   void stop(Verdict verdict, int axis) noexcept {
@@ -568,7 +648,13 @@ class CalibrationController final : public Controller {
   Vec3 home_ = Vec3::Zero();
   Vec3 around_ = Vec3::Zero();  ///< centre of the movement
   std::size_t place_ = 0;
-  int left_out_ = 0;  ///< places
+  int left_out_ = 0;                                             ///< places
+  BasicButterworth2<Vec3> pulled_, hummed_;                      ///< high passes of the feedback and of the excitation
+  Vec3 pull_ripple_ = Vec3::Zero(), hum_ripple_ = Vec3::Zero();  ///< sums of their squares [N^2]
+  double windows_;                                               ///< of the swing
+  bool compared_;                                                ///< the windows were compared, or need not be
+  bool calm_ = false;                                            ///< the gains suit the device
+  int softer_ = 0;                                               ///< how often the gains were halved
   Approach approach_, travel_;
   double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
@@ -796,15 +882,19 @@ class LawTrials {
     const bool refused = is_refused(Firmness::normal);
     if ((refused || options_.full) && !judge_firmness(Firmness::quiet)) return;
     if (options_.full && !judge_firmness(Firmness::exact)) return;
-    if (!refused || !is_refused(Firmness::quiet)) return;
+    if (!refused) return;
+    refuse_unless_worthwhile(result_.held->design(Firmness::quiet).verdict);
+    if (!is_refused(Firmness::quiet)) return;
     law_.law = TrackingLaw::observer;
     law_.firmness.reset();
-    (void)judge(result_.design->ripple, result_.held->observer);
+    if (!judge(result_.design->ripple, result_.held->observer)) return;
+    refuse_unless_worthwhile(result_.held->observer);
   }
 
  private:
   static constexpr double kMostRipple = 0.04;  ///< share of the largest force
   static constexpr double kStiffMargin = 1.2;  ///< of stiff PD control on the free device
+  static constexpr double kWorthwhile = 2;     ///< least improvement of a law after another one was refused
 
   [[nodiscard]] TourResult tried() {
     law_.identified = result_.identified();
@@ -856,6 +946,15 @@ class LawTrials {
     law_.firmness = firmness;
     LqgDesign& design = result_.held->design(firmness);
     return judge(design.figures.ripple, design.verdict);
+  }
+
+  /// Refuses a law that would come second, but is hardly better than plain PD control at some place. The model failed
+  /// on this device, and plain PD control that learns follows at least as well.
+  static void refuse_unless_worthwhile(LawVerdict& verdict) {
+    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
+    verdict.refused = fmt::format(
+        "another one was refused, and at one place this one is only {:.2f} times as accurate as plain PD control",
+        verdict.improvement);
   }
 
   [[nodiscard]] bool is_refused(Firmness firmness) const {
@@ -917,8 +1016,8 @@ void add_places(const DeviceInfo& device, CalibrationPlan& plan) {
 double planned_duration(const CalibrationPlan& plan) {
   const auto axes = static_cast<int>(std::ranges::count(plan.axes, true));
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  double duration =
-      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
+  double duration = 3 * kBlend + 2 * kSettle + kLook + (plan.full ? kMoreWindows : kWindows) * plan.dither.period() +
+                    axes * sweep / kSweepHz;
   Vec3 from = plan.centre;
   for (const Vec3& place : plan.places) {
     duration += Approach(from, place, plan.approach_speed, kShortestApproach).duration() + kSettle +
@@ -984,9 +1083,14 @@ class CalibrationRun {
     CalibrationController controller(plan_);
     CalibrationLog log(controller, rows());
     if (measured(controller, log, options_.session)) {
-      result_.identification = identify(log.experiment(plan_));
+      const Experiment experiment = log.experiment(plan_);
+      result_.identification = identify(experiment);
+      const HeldIdentification held = identify_held(experiment, result_.identification);
+      if (!result_.identification.fits)
+        if (Identification other = identify_as_held(experiment, held); other.fits)
+          result_.identification = std::move(other);
       if (result_.identification.fits) {
-        design(log.experiment(plan_));
+        design(experiment, held);
         return std::move(result_);
       }
       result_.doubt = result_.identification.reason;
@@ -1019,12 +1123,11 @@ class CalibrationRun {
   }
 
   /// Designs the laws for a full model, and tries them.
-  void design(const Experiment& experiment) {
+  void design(const Experiment& experiment, const HeldIdentification& found) {
     result_.design =
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
-    HeldDevice held = held_device(result_.identification, identify_held(experiment, result_.identification),
-                                  plan_.rate_hz, plan_.device_force);
+    HeldDevice held = held_device(result_.identification, found, plan_.rate_hz, plan_.device_force);
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))
