@@ -120,6 +120,17 @@ std::string text_of(const ActuatorFriction& actuators) {
       three(r.row(2)), three(actuators.coulomb), three(actuators.coulomb_half));
 }
 
+std::string text_of(const Cogging& cogging) {
+  std::string text = "  cogging, a force that repeats over the place:\n";
+  for (const CoggingWave& wave : cogging.waves) {
+    const double length = wave.wave_number.norm();
+    const Vec3 along = wave.wave_number / length;
+    text += fmt::format("    {:.2f} +- {:.2f} N every {:.3f} mm along ({:.3f}, {:.3f}, {:.3f})\n", wave.amplitude(),
+                        wave.amplitude_half, 1e3 * kTwoPi / length, along.x(), along.y(), along.z());
+  }
+  return text;
+}
+
 std::string table(const CalibrationPlan& plan, const CalibrationResult& result) {
   const PlantModel &plant = result.identification.plant, &half = result.identification.half_width;
   std::string text = fmt::format("  {:<18}  {:<17}  {:<17}  {:<17}\n", "95 % intervals", "x", "y", "z");
@@ -131,6 +142,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   text += fmt::format("  delay {:.2f} +- {:.2f} ms; position resolution {:.4f} mm, noise {:.4f} mm\n",
                       1e3 * plant.delay, 1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
   if (plant.actuators) text += text_of(*plant.actuators);
+  if (plant.cogging) text += text_of(*plant.cogging);
   text += fmt::format("  not explained by the model: {:.0f} % of the {}, {:.3f} N rms in the sweeps\n",
                       100 * result.identification.line_residual,
                       result.identification.coarse ? "force" : "response to the excitation",

@@ -116,7 +116,7 @@ std::optional<OrientationGains> orientation_gains_from(const PlayArguments& argu
 }
 
 Compensations compensations_from(const std::vector<std::string>& without) {
-  Compensations with{true, true, true, true, true};
+  Compensations with{true, true, true, true, true, true};
   std::vector<std::string> known{"all"};
   for (const CompensationTerm& term : kCompensationTerms) known.emplace_back(term.name);
   for (const std::string& name : without) {
@@ -314,7 +314,8 @@ void add_control_options(CLI::App& verb, PlayArguments& arguments) {
       ->group("Control");
   arguments.profile.add_to(verb, "Control", "play with PD control alone, without the device's profile");
   verb.add_option("--without", arguments.without,
-                  "leave force terms out of a calibrated playback: inertia, gravity, friction, observer, learning, all")
+                  "leave force terms out of a calibrated playback: inertia, gravity, friction, cogging, observer, "
+                  "learning, all")
       ->delimiter(',')
       ->group("Control");
   verb.add_option("--kp-rotation", arguments.kp_rotation,

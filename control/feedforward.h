@@ -1,11 +1,15 @@
 // Feedforward forces, computed from the reference alone.
 #pragma once
 
+#include "control/cogging.h"
 #include "control/design/plant_model.h"
 #include "control/force_term.h"
 #include "control/inertia_map.h"
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
+#include <utility>
 
 namespace haptrace {
 
@@ -64,6 +68,34 @@ class FrictionFeedforward final : public ForceTerm {
   Vec3 viscous_;                                        ///< along the axes of W [N s/m]
   Eigen::Matrix3d axes_ = Eigen::Matrix3d::Identity();  ///< R
   Vec3 coulomb_;                                        ///< along the axes of R [N]
+};
+
+/// Compensates for the force that repeats over the place, at the reference: -F(x_d(t + lead)). While the reference
+/// moves, this force has tens of hertz, so that the delay of the device counts. The measured place is not used in its
+/// stead: the force there would act as a spring of thousands of newtons per metre behind a delay. The force only fades
+/// while the device is a good part of a period off the reference, since that at the reference then says nothing about
+/// the force at the device.
+class CoggingFeedforward final : public ForceTerm {
+ public:
+  /// `lead`: from the tick that sends a force to the middle of the period in which it acts [s].
+  CoggingFeedforward(Cogging cogging, double lead) : cogging_(std::move(cogging)), lead_(lead) {}
+
+  [[nodiscard]] Vec3 force(const TermInput& input) noexcept override {
+    const Reference& r = input.reference;
+    const Vec3 there = r.position + lead_ * r.velocity + 0.5 * lead_ * lead_ * r.acceleration;
+    const Vec3 off = input.state.position - r.position;
+    off_ += std::clamp(input.state.dt / kFade, 0.0, 1.0) * (off - off_);
+    return -input.tuning.cogging * cogging_.force(there, off_);
+  }
+
+  void start(const State&) noexcept override { off_.setZero(); }
+
+ private:
+  static constexpr double kFade = 0.05;  // time constant of the distance from the reference [s]
+
+  Cogging cogging_;
+  Vec3 off_ = Vec3::Zero();  ///< slow part of that distance [m]
+  double lead_;
 };
 
 }  // namespace haptrace

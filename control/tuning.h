@@ -40,6 +40,7 @@ struct Tuning {
   double inertia = 1;       ///< feedforward of mass times the reference's acceleration
   double gravity = 1;       ///< feedforward of gravity along the reference
   double friction = 1;      ///< feedforward of friction along the reference's velocity
+  double cogging = 1;       ///< feedforward of the force that repeats over the place, along the reference
   double observer = 1;      ///< disturbance observer
   double observer_hz = 12;  ///< bandwidth of the disturbance observer [Hz]
   double learning = 1;      ///< force learned in earlier repetitions
@@ -52,7 +53,7 @@ struct Tuning {
     const double blend = setting_share(dt);
     gains.kp += blend * (target.gains.kp - gains.kp);
     gains.kd += blend * (target.gains.kd - gains.kd);
-    for (const auto share : {&Tuning::inertia, &Tuning::gravity, &Tuning::friction, &Tuning::observer,
+    for (const auto share : {&Tuning::inertia, &Tuning::gravity, &Tuning::friction, &Tuning::cogging, &Tuning::observer,
                              &Tuning::observer_hz, &Tuning::learning})
       this->*share += blend * (target.*share - this->*share);
   }
@@ -60,7 +61,7 @@ struct Tuning {
 
 /// The compensations that a session is composed of. Only those can be tuned.
 struct Compensations {
-  bool inertia = false, gravity = false, friction = false, observer = false, learning = false;
+  bool inertia = false, gravity = false, friction = false, observer = false, learning = false, cogging = false;
 
   bool operator==(const Compensations&) const = default;
 };
@@ -72,10 +73,11 @@ struct CompensationTerm {
   double Tuning::*share;
   bool feedforward;
 };
-inline constexpr std::array<CompensationTerm, 5> kCompensationTerms{
+inline constexpr std::array<CompensationTerm, 6> kCompensationTerms{
     {{"inertia", &Compensations::inertia, &Tuning::inertia, true},
      {"gravity", &Compensations::gravity, &Tuning::gravity, true},
      {"friction", &Compensations::friction, &Tuning::friction, true},
+     {"cogging", &Compensations::cogging, &Tuning::cogging, true},
      {"observer", &Compensations::observer, &Tuning::observer, false},
      {"learning", &Compensations::learning, &Tuning::learning, false}}};
 

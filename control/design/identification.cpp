@@ -1,5 +1,6 @@
 #include "control/design/identification.h"
 
+#include "control/design/cogging_fit.h"
 #include "control/design/dense.h"
 #include "control/design/friction_axes.h"
 #include "control/design/hand_fit.h"
@@ -1028,7 +1029,26 @@ LineSpectrum spectrum_of(const Experiment& experiment) {
   return estimator.spectrum();
 }
 
-Identification identify(const Experiment& experiment) {
+namespace {
+
+/// Finds the force that repeats over the place. Its amplitudes follow from the mass, which in turn is more accurate
+/// without this force. Returns nothing if there is no such force.
+std::optional<Cogging> cogging_of(const Experiment& experiment, double delay) {
+  constexpr int kRounds = 3;
+  std::optional<Cogging> cogging = find_cogging(experiment, delay);
+  for (int round = 0; cogging && round < kRounds; ++round) {
+    const std::vector<TickRow> rows = without_cogging(experiment, *cogging, delay);
+    Experiment without = experiment;
+    without.rows = rows;
+    const MobilityFit::Result lines = MobilityFit(spectrum_of(without), experiment.axes, experiment.rate_hz).run();
+    const Eigen::Matrix3d mobility = 0.5 * (lines.mobility + lines.mobility.transpose());
+    if (!(mobility.determinant() > 0 && lines.mass.minCoeff() > 0)) return std::nullopt;
+    refit_amplitudes(experiment, mobility.inverse(), lines.delay, *cogging);
+  }
+  return cogging;
+}
+
+Identification identify_rows(const Experiment& experiment) {
   Identification result;
   PlantModel& plant = result.plant;
   plant.position_resolution = position_quantum(experiment.rows);
@@ -1060,6 +1080,23 @@ Identification identify(const Experiment& experiment) {
   result.fits = result.reason.empty();
   if (result.fits) plant.actuators = find_actuators(experiment, plant.delay);
   return result;
+}
+
+}  // namespace
+
+Identification identify(const Experiment& experiment) {
+  Identification result = identify_rows(experiment);
+  if (experiment.dither == nullptr || !(result.plant.mass.maxCoeff() > 0)) return result;
+  const std::optional<Cogging> cogging = cogging_of(experiment, result.plant.delay);
+  if (!cogging) return result;
+  const std::vector<TickRow> rows = without_cogging(experiment, *cogging, result.plant.delay);
+  Experiment without = experiment;
+  without.rows = rows;
+  Identification found = identify_rows(without);
+  // Without its force, a device responds more like a mass.
+  if (!found.fits || found.line_residual > result.line_residual) return result;
+  found.plant.cogging = cogging;
+  return found;
 }
 
 Identification identify_as_held(const Experiment& experiment, const HeldIdentification& held) {

@@ -77,7 +77,8 @@ LineSpectrum spectrum_of(const Experiment& experiment);
 /// from the jackknife over blocks of sweeps (sweeps). Both are widened by the known errors of such models.
 ///
 /// On a device with motors along all axes, sweeps and swing also show the axes of its actuators; see
-/// find_friction_axes().
+/// find_friction_axes(). The same movements, and those at the places, show a force that repeats over the place; see
+/// find_cogging(). All else is then identified without this force, which would count as noise.
 ///
 /// Needs only the log, neither a data sheet nor a model of the device. Not real-time: it allocates.
 Identification identify(const Experiment& experiment);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/types.h"
+#include "control/cogging.h"
 
 #include <optional>
 #include <string>
@@ -36,6 +37,7 @@ struct PlantModel {
   /// Coulomb friction along the actuators' axes, where these are known to differ from those of W. It is then more
   /// accurate than F_c, the friction against a movement along each axis of W.
   std::optional<ActuatorFriction> actuators;
+  std::optional<Cogging> cogging;  ///< force on the handle that repeats over the place, if one is known
 };
 
 /// Result of an identification, see identify().

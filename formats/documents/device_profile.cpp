@@ -29,6 +29,17 @@ json rows_of(const Eigen::Matrix3d& matrix) {
           {"z", haptrace::json_of(matrix.row(2))}};
 }
 
+json json_of(const Cogging& cogging) {
+  json waves = json::array();
+  for (const CoggingWave& wave : cogging.waves)
+    waves.push_back({{"wave_number_rad_per_m", haptrace::json_of(wave.wave_number)},
+                     {"cosine_n", wave.cosine},
+                     {"sine_n", wave.sine},
+                     {"wave_number_half_width_rad_per_m", haptrace::json_of(wave.wave_number_half)},
+                     {"amplitude_half_width_n", wave.amplitude_half}});
+  return {{"centre_m", haptrace::json_of(cogging.centre)}, {"waves", std::move(waves)}};
+}
+
 json json_of(const PlantModel& plant) {
   json object{{"mass_kg", haptrace::json_of(plant.mass)},
               {"viscous_n_s_per_m", haptrace::json_of(plant.viscous)},
@@ -43,6 +54,7 @@ json json_of(const PlantModel& plant) {
                            {"coulomb_n", haptrace::json_of(plant.actuators->coulomb)},
                            {"axes_half_width_rad", plant.actuators->angle_half},
                            {"coulomb_half_width_n", haptrace::json_of(plant.actuators->coulomb_half)}};
+  if (plant.cogging) object["cogging"] = json_of(*plant.cogging);
   return object;
 }
 
@@ -103,6 +115,30 @@ ActuatorFriction actuators_from(JsonReader reader) {
   return actuators;
 }
 
+Cogging cogging_from(JsonReader reader) {
+  constexpr std::size_t kMostWaves = 100;
+  constexpr double kLeastWaveNumber = 1e-3;  // [rad/m]
+  Required required(reader);
+  Cogging cogging{.centre = required.vector("centre_m", -kLargest, kLargest), .waves = {}};
+  std::vector<JsonReader> waves = reader.require("waves").objects("waves");
+  if (waves.empty() || waves.size() > kMostWaves)
+    throw input_error(fmt::format("{}: waves: expected 1 to {} waves", reader.where(), kMostWaves));
+  for (JsonReader& object : waves) {
+    Required of_wave(object);
+    CoggingWave wave{.wave_number = of_wave.vector("wave_number_rad_per_m", -kLargest, kLargest),
+                     .cosine = of_wave.number("cosine_n", -kLargest, kLargest),
+                     .sine = of_wave.number("sine_n", -kLargest, kLargest),
+                     .wave_number_half = of_wave.vector("wave_number_half_width_rad_per_m", 0, kLargest),
+                     .amplitude_half = of_wave.number("amplitude_half_width_n", 0, kLargest)};
+    if (!(wave.wave_number.norm() >= kLeastWaveNumber))
+      throw input_error(fmt::format("{}: wave_number_rad_per_m: must not be zero", object.where()));
+    object.finish();
+    cogging.waves.push_back(wave);
+  }
+  reader.finish();
+  return cogging;
+}
+
 PlantModel plant_from(JsonReader reader) {
   Required required(reader);
   PlantModel plant;
@@ -115,6 +151,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.position_resolution = required.number("position_resolution_m", 0, 1);
   plant.position_noise = required.number("position_noise_m", 0, 1);
   if (auto actuators = reader.object("actuators")) plant.actuators = actuators_from(std::move(*actuators));
+  if (auto cogging = reader.object("cogging")) plant.cogging = cogging_from(std::move(*cogging));
   reader.finish();
   return plant;
 }

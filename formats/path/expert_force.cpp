@@ -53,6 +53,7 @@ void add_device(const HandleForce& handle, const std::vector<Vec3>& x, double h,
     const Vec3 &before = x[i - std::min<std::size_t>(i, 1)], &after = x[std::min(i + 1, n - 1)];
     const double span = i == 0 || i + 1 == n ? h : 2 * h;
     dry[i] = friction_at(plant, (after - before) / span);
+    if (plant.cogging) dry[i] -= plant.cogging->force(x[i]);
     if (i == 0 || i + 1 == n) continue;
     Vec3 mass = plant.mass;
     if (handle.inertia) mass = handle.inertia->at(x[i]).cwiseProduct(mass);

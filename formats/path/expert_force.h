@@ -27,12 +27,12 @@ struct HandleForce {
 /// Returns `path` with the force of the task in place of the measured force. A handle's sensor measures the force on
 /// the hand:
 ///
-///     F_hand = F_task - (m a + b v + R^T F_c tanh(R v / v_0)) + gravity + gradient x
+///     F_hand = F_task - (m a + b v + R^T F_c tanh(R v / v_0)) + gravity + gradient x + cogging(x)
 ///
 /// in which F_task is the force of the world and the commanded force of the device, such as that of a scene. F_hand
-/// and x are low-passed (kExpertForceCutoff), so that all terms have the same bandwidth; so is the friction, with R
-/// as in FrictionFeedforward and v_0 = 2 mm/s. Without a plant, only the low pass remains. Forces that depend on speed
-/// are those of the expert's speed.
+/// and x are low-passed (kExpertForceCutoff), so that all terms have the same bandwidth; so are the friction and the
+/// cogging, with R as in FrictionFeedforward and v_0 = 2 mm/s. Without a plant, only the low pass remains. Forces that
+/// depend on speed are those of the expert's speed.
 ///
 /// `path` must hold the measured force (PathSelection::measured) and have no gap above kLongestForceGap. Rows are read
 /// with a margin, so that pieces agree to 1e-9 of the force; memory is that of a piece. Throws Error(input) naming the

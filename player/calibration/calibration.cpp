@@ -1,6 +1,7 @@
 #include "player/calibration/calibration.h"
 
 #include "base/error.h"
+#include "control/design/cogging_fit.h"
 #include "control/design/identification.h"
 #include "control/design/inertia_identification.h"
 #include "control/design/multisine.h"
@@ -936,8 +937,17 @@ class LawTrials {
     if (ended(toured)) return false;
     verdict = {.tried = true,
                .improvement = plain_.finished() && toured.finished() ? least_improvement(toured, plain_) : 0,
-               .refused = refusal_of(toured, plain_, tour_, std::max(2 * predicted_ripple, most_ripple_))};
+               .refused = refusal_of(toured, plain_, tour_,
+                                     std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple()))};
     return true;
+  }
+
+  /// Returns the rms of the force that compensates for cogging while the device moves [N].
+  [[nodiscard]] double cogging_ripple() const {
+    double squares = 0;
+    if (const auto& cogging = result_.identification.plant.cogging)
+      for (const CoggingWave& wave : cogging->waves) squares += 0.5 * std::pow(wave.amplitude(), 2);
+    return std::sqrt(squares);
   }
 
   /// Judges the LQG law of this firmness, as judge() does.
@@ -1083,8 +1093,13 @@ class CalibrationRun {
     CalibrationController controller(plan_);
     CalibrationLog log(controller, rows());
     if (measured(controller, log, options_.session)) {
-      const Experiment experiment = log.experiment(plan_);
+      Experiment experiment = log.experiment(plan_);
       result_.identification = identify(experiment);
+      std::vector<TickRow> rows;
+      if (const PlantModel& plant = result_.identification.plant; plant.cogging) {
+        rows = without_cogging(experiment, *plant.cogging, plant.delay);
+        experiment.rows = rows;
+      }
       const HeldIdentification held = identify_held(experiment, result_.identification);
       if (!result_.identification.fits)
         if (Identification other = identify_as_held(experiment, held); other.fits)

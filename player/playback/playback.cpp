@@ -190,6 +190,11 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   ForceTerms terms;
   if (with.gravity) terms.push_back(std::make_unique<GravityFeedforward>(options.identified->plant));
   if (with.friction) terms.push_back(std::make_unique<FrictionFeedforward>(options.identified->plant));
+  if (with.cogging) {
+    const PlantModel& plant = options.identified->plant;
+    const double lead = plant.delay + 0.5 / options.session.loop.rate_hz;
+    terms.push_back(std::make_unique<CoggingFeedforward>(*plant.cogging, lead));
+  }
   if (with.learning) {
     const bool from_before = !options.learned.force.empty();
     auto term = std::make_unique<LearningTerm>(
@@ -380,7 +385,8 @@ PlannedLaw planned_law(const DeviceInfo& device, const PlayOptions& options) {
   Compensations& composed = planned.composed;
   composed = options.compensations;
   composed.learning = composed.learning && (options.learn > 0 || !options.learned.force.empty());
-  // Learning covers the whole load and starts from the model's estimate of it.
+  composed.cogging = composed.cogging && options.identified->plant.cogging;
+  // Learning covers the whole load and starts from the model's estimate of it. Cogging is too fast for it.
   if (composed.learning) composed.gravity = composed.friction = false;
   ChosenLaw law = chosen_law(options);
   planned.notes = std::move(law.notes);

@@ -39,7 +39,7 @@ struct PlayOptions {
   std::optional<ImpedanceProfile> impedance;  ///< gains along the path, in place of `gains`
   /// Result of a calibration. Without it, the controller is a plain PD law.
   std::optional<IdentifiedDevice> identified;
-  Compensations compensations{true, true, true, true, true};  ///< for an identified device
+  Compensations compensations{true, true, true, true, true, true};  ///< for an identified device
   /// Law of an identified device whose load is cancelled. An LQG law has gains of its own: with `gains` or `impedance`,
   /// and for a device that was identified without laws, the law is that with an observer. If neither law nor firmness
   /// is given, the playback takes the first of these that its trial did not refuse: LQG of firmness normal, quiet, the

@@ -19,11 +19,12 @@ namespace {
 
 constexpr double kLowestBandwidth = 0.01;  // [Hz]
 
-const std::vector<std::string> kQuantities{"kp",       "kd",       "gains",    "inertia",     "gravity",
-                                           "friction", "observer", "learning", "feedforward", "observer_hz"};
+const std::vector<std::string> kQuantities{"kp",      "kd",       "gains",    "inertia",     "gravity",    "friction",
+                                           "cogging", "observer", "learning", "feedforward", "observer_hz"};
 constexpr const char* kHelp =
     "kp X | kp X Y Z | kd X | kd X Y Z [SI] ; gains * F | gains / F ; "
-    "inertia, gravity, friction, feedforward, observer, learning: SHARE 0 to 1 | on | off | toggle ; observer_hz HZ";
+    "inertia, gravity, friction, cogging, feedforward, observer, learning: SHARE 0 to 1 | on | off | toggle ; "
+    "observer_hz HZ";
 
 /// The shares that a name stands for; none for a name of something else.
 std::vector<CompensationTerm> shares_of(std::string_view name) {
@@ -223,11 +224,10 @@ std::string LiveTuning::summarise() const {
 }
 
 std::vector<LiveControl> LiveTuning::list_controls() const {
-  static const std::map<std::string, std::string> kLabels{{"inertia", "Compensation of inertia"},
-                                                          {"gravity", "Compensation of gravity"},
-                                                          {"friction", "Compensation of friction"},
-                                                          {"observer", "Disturbance observer"},
-                                                          {"learning", "Learned force"}};
+  static const std::map<std::string, std::string> kLabels{
+      {"inertia", "Compensation of inertia"},   {"gravity", "Compensation of gravity"},
+      {"friction", "Compensation of friction"}, {"cogging", "Compensation of cogging"},
+      {"observer", "Disturbance observer"},     {"learning", "Learned force"}};
   constexpr double kRatio = 1.1;   // of a button, as of a key in the terminal
   constexpr double kFirst = 1e-2;  // first step from 0, as a share of the largest value
   std::vector<LiveControl> controls;

@@ -219,7 +219,7 @@ class TickPrices {
       add(velocity, [&](Configuration& c) { c.velocity = velocity; });
     if (bench.calibrated()) {
       for (const CompensationTerm& term : kCompensationTerms)
-        if (term.composed != &Compensations::learning)
+        if (term.composed != &Compensations::learning && term.composed != &Compensations::cogging)
           add(term.name, [&](Configuration& c) { c.with.*term.composed = true; });
       add("learning", [](Configuration& c) { c.learn = 1; });
       if (bench.has_laws(base_.rate_hz))

@@ -77,14 +77,45 @@ TEST(FrictionFeedforward, TurnsItsSignSmoothly) {
   }
 }
 
+Cogging cables() {
+  return {.centre = Vec3(0.01, 0, 0),
+          .waves = {{.wave_number = Vec3(2000, 0, 0), .cosine = 0.3, .sine = 0.4},
+                    {.wave_number = Vec3(0, 600, 800), .cosine = 0, .sine = -0.5}}};
+}
+
+TEST(CoggingFeedforward, CancelsTheForceOfThePlaceWhereTheReferenceWillBe) {
+  CoggingFeedforward term(cables(), 2e-3);
+  // After 2 ms, x is 0.011 m, and y and z are 0.001 and 0.0005 m.
+  const Reference reference{Vec3(0.0109, 0.001 + 1e-3, 0.0005), Vec3(0, -0.5, 0), Vec3(50, 0, 0), 0};
+  const Vec3 force = Vec3(0.3 * std::cos(2) + 0.4 * std::sin(2), 0, 0) - 0.5 * std::sin(1) * Vec3(0, 0.6, 0.8);
+  EXPECT_TRUE(answer(term, reference).isApprox(-force, 1e-9)) << answer(term, reference).transpose();
+  EXPECT_TRUE(answer(term, reference, {.cogging = 0.5}).isApprox(-0.5 * force, 1e-9));
+}
+
+TEST(CoggingFeedforward, FadesWhereTheWaveNumbersSayLittleAboutThePhase) {
+  Cogging known = cables();
+  known.waves.pop_back();
+  Cogging uncertain = known;
+  uncertain.waves[0].wave_number_half = Vec3(19.6, 19.6, 19.6);  // a standard deviation of 10 rad/m
+  const auto share = [&](const Vec3& off) {
+    const Vec3 place = known.centre + off;
+    return uncertain.force(place).x() / known.force(place).x();
+  };
+  EXPECT_NEAR(share(Vec3::Zero()), 1, 1e-12);
+  EXPECT_NEAR(share(Vec3(0.02, 0, 0)), std::exp(-0.5 * 0.2 * 0.2), 1e-9);
+  EXPECT_NEAR(share(Vec3(0, 0.1, 0)), std::exp(-0.5), 1e-9);
+  EXPECT_LT(share(Vec3(0, 1, 0)), 1e-9);
+}
+
 TEST(Feedforward, IsFiniteForAnyFiniteReference) {
   InertiaFeedforward inertia(plant().mass);
   GravityFeedforward gravity(plant());
   FrictionFeedforward friction(plant());
+  CoggingFeedforward cogging(cables(), 2e-3);
   const Reference reference{Vec3::Constant(1e3), Vec3::Constant(1e9), Vec3::Constant(-1e12), kNaN};
   const std::size_t before = test::allocations();
-  for (ForceTerm* term :
-       {static_cast<ForceTerm*>(&inertia), static_cast<ForceTerm*>(&gravity), static_cast<ForceTerm*>(&friction)})
+  for (ForceTerm* term : {static_cast<ForceTerm*>(&inertia), static_cast<ForceTerm*>(&gravity),
+                          static_cast<ForceTerm*>(&friction), static_cast<ForceTerm*>(&cogging)})
     EXPECT_TRUE(is_finite(answer(*term, reference)));
   EXPECT_EQ(test::allocations(), before);
 }

@@ -10,7 +10,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const double largest_kp = 5000, largest_kd = 50;
   LiveTuning tuning({.gains = {Vec3::Constant(1000), Vec3::Constant(10)}},
                     {.limits = {.largest = {Vec3::Constant(largest_kp), Vec3::Constant(largest_kd)}},
-                     .composed = {true, true, true, true, true}});
+                     .composed = {true, true, true, true, true, true}});
   std::string_view text = fuzz::text_of(data, size);
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());

@@ -23,7 +23,11 @@ struct Bench {
   double gradient = -20;  ///< Gradient of gravity along each axis, without coupling between axes [N/m].
   double delay = 1.3e-3;
   double quantum = 0;
-  double cable = 0;  ///< Amplitude of a position-dependent force with a period of 12 mm [N].
+  double cable = 0;                      ///< Amplitude of a position-dependent force [N].
+  double cable_period = 0.012;           ///< [m]
+  double shake = 0;                      ///< Force of first-order noise, rms per axis [N].
+  double stiffness = 800, damping = 12;  ///< Of the law that holds the device [N/m, N s/m].
+  double shake_hz = 8;                   ///< Its corner.
   std::array<bool, 3> axes{true, true, true};
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  ///< From W to the axes of all vectors above.
 
@@ -95,12 +99,16 @@ struct Bench {
     Vec3 seen = turn.transpose() * x_;
     if (quantum > 0)
       for (double& value : seen) value = quantum * std::round(value / quantum);
-    Vec3 force = 800 * (wanted - seen) - 12 * (turn.transpose() * v_);
+    Vec3 force = stiffness * (wanted - seen) - damping * (turn.transpose() * v_);
     if (hum) force += 0.8 * dither.value(time);
     for (int axis = 0; axis < 3; ++axis)
       if (!axes[static_cast<std::size_t>(axis)]) force[axis] = 0;
     rows.push_back({time, seen, force});
     sent_.push_back(force);
+    if (shake > 0) {
+      const double keep = std::exp(-kTwoPi * shake_hz / kRate);
+      for (double& value : noise_) value = keep * value + shake * std::sqrt(1 - keep * keep) * normal_(random_);
+    }
     if (sent_.size() > 20) sent_.pop_front();
     constexpr int kSteps = 100;
     const double h = 1 / kRate / kSteps;
@@ -110,7 +118,8 @@ struct Bench {
       for (int axis = 0; axis < 3; ++axis) {
         const double w = h / mass[axis];
         const double free = v_[axis] + w * (u[axis] + gravity[axis] + gradient * x_[axis] +
-                                            cable * std::sin(kTwoPi * x_[axis] / 0.012) - viscous[axis] * v_[axis]);
+                                            cable * std::sin(kTwoPi * x_[axis] / cable_period) + noise_[axis] -
+                                            viscous[axis] * v_[axis]);
         const double next = std::copysign(std::max(std::abs(free) - w * coulomb[axis], 0.0), free);
         x_[axis] += 0.5 * h * (v_[axis] + next);
         v_[axis] = next;
@@ -120,6 +129,9 @@ struct Bench {
 
   Vec3 x_ = Vec3::Zero(), v_ = Vec3::Zero();  ///< Along the axes of `turn`.
   std::deque<Vec3> sent_;
+  Vec3 noise_ = Vec3::Zero();
+  std::mt19937 random_{11};
+  std::normal_distribution<double> normal_;
 };
 
 const Bench& bench() {
@@ -319,6 +331,64 @@ TEST(FrictionAxes, AreNotClaimedWhereTheActuatorsAreAlignedOrHaveNoFriction) {
   smooth.coulomb.setZero();
   smooth.turn = Eigen::AngleAxisd(0.6, Vec3(1, 2, -1).normalized());
   EXPECT_FALSE(smooth.run().identified().plant.actuators);
+}
+
+/// A device like those of an ensemble, at the centre and at places around it.
+Bench toured(double cable, double period, double shake, double shake_hz = 8) {
+  Bench bench;
+  bench.cable = cable;
+  bench.cable_period = period;
+  bench.shake = shake;
+  bench.shake_hz = shake_hz;
+  bench.stiffness = 2400;
+  bench.damping = 30;
+  bench.quantum = 5e-5;
+  bench.coulomb = Vec3(0.5, 0.4, 0.3);
+  bench.gradient = 0;
+  bench.turn = Eigen::AngleAxisd(0.6, Vec3(1, 2, -1).normalized());
+  bench.run();
+  for (const Vec3& place :
+       {Vec3(0.03, 0, 0), Vec3(0, -0.03, 0), Vec3(0, 0, 0.03), Vec3(0.06, 0, 0), Vec3(0, 0.06, 0), Vec3(0, 0, -0.06)})
+    bench.visit(place, Vec3::Ones());
+  return bench;
+}
+
+TEST(Cogging, IsFoundWithItsAmplitudesAndItsPhasesFarFromTheCentre) {
+  for (const double period : {3e-3, 4e-3}) {
+    SCOPED_TRACE(period);
+    const Bench cables = toured(1, period, 0.1);
+    const Identification found = cables.identified();
+    ASSERT_TRUE(found.fits) << found.reason;
+    ASSERT_TRUE(found.plant.cogging);
+    const Cogging& cogging = *found.plant.cogging;
+    ASSERT_EQ(cogging.waves.size(), 3U);
+    for (const CoggingWave& wave : cogging.waves) {
+      EXPECT_NEAR(kTwoPi / wave.wave_number.norm(), period, 2e-3 * period);
+      EXPECT_NEAR(wave.amplitude(), 1, 0.2);
+      EXPECT_LT(wave.amplitude_half, 0.4);
+    }
+    double error2 = 0, force2 = 0;
+    for (int i = 0; i < 200; ++i) {
+      const Vec3 x = 0.06 * Vec3(std::cos(i), std::sin(1.7 * i), std::sin(2.3 * i)).normalized();
+      const Vec3 truth = cables.turn.transpose() * Vec3((kTwoPi / period * (cables.turn * x)).array().sin());
+      error2 += (cogging.force(x) - truth).squaredNorm();
+      force2 += truth.squaredNorm();
+    }
+    EXPECT_LT(std::sqrt(error2 / force2), 0.25);
+    // The rest of the model is that of the device without cables.
+    const Identification plain = toured(0, period, 0.1).identified();
+    expect_near(found.plant.mass, plain.plant.mass, 0.15, "mass");
+  }
+}
+
+TEST(Cogging, IsNotClaimedWithoutCablesWhateverTheNoise) {
+  for (const double shake : {0.0, 0.1, 0.4})
+    for (const double corner : {1.0, 8.0, 60.0}) {
+      SCOPED_TRACE(testing::Message() << shake << " N, " << corner << " Hz");
+      if (shake == 0 && corner > 1) continue;
+      EXPECT_FALSE(toured(0, 3e-3, shake, corner).identified().plant.cogging);
+    }
+  EXPECT_FALSE(bench().identified().plant.cogging) << "in the middle alone";
 }
 
 TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {

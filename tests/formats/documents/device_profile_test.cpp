@@ -110,6 +110,45 @@ TEST_F(DeviceProfiles, AreValidWithoutTheAxesOfTheActuatorsAndRejectAxesThatAreN
   EXPECT_FALSE(profile_from_json(object, "old").plant.actuators);
 }
 
+DeviceProfile with_cogging() {
+  DeviceProfile profile = example();
+  profile.plant.cogging = Cogging{.centre = Vec3(0.1 + 0.2, 0, -0.3),
+                                  .waves = {{.wave_number = Vec3(2000.0 / 3, -1, 0),
+                                             .cosine = -1.0 / 3,
+                                             .sine = 0.7,
+                                             .wave_number_half = Vec3(0.1, 0.2, 1.0 / 3),
+                                             .amplitude_half = 1.0 / 30},
+                                            {.wave_number = Vec3(0, 0, 2100), .cosine = 1, .sine = 0}}};
+  return profile;
+}
+
+TEST_F(DeviceProfiles, AreReadBackToTheBitWithTheCogging) {
+  const Cogging cogging = *with_cogging().plant.cogging;
+  save_profile(with_cogging(), folder_ / "p.json", false);
+  const DeviceProfile read = load_profile(folder_ / "p.json");
+  ASSERT_TRUE(read.plant.cogging);
+  EXPECT_EQ(read.plant.cogging->centre, cogging.centre);
+  ASSERT_EQ(read.plant.cogging->waves.size(), 2U);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const CoggingWave &found = read.plant.cogging->waves[i], &wave = cogging.waves[i];
+    EXPECT_EQ(found.wave_number, wave.wave_number);
+    EXPECT_EQ(found.cosine, wave.cosine);
+    EXPECT_EQ(found.sine, wave.sine);
+    EXPECT_EQ(found.wave_number_half, wave.wave_number_half);
+    EXPECT_EQ(found.amplitude_half, wave.amplitude_half);
+  }
+}
+
+TEST_F(DeviceProfiles, AreValidWithoutCoggingAndRejectAWaveWithoutDirection) {
+  json object = to_json(with_cogging());
+  object["plant"]["cogging"]["waves"][1]["wave_number_rad_per_m"] = {0, 0, 0};
+  EXPECT_THROW((void)profile_from_json(object, "flat"), Error);
+  object["plant"]["cogging"]["waves"] = json::array();
+  EXPECT_THROW((void)profile_from_json(object, "empty"), Error);
+  object["plant"].erase("cogging");
+  EXPECT_FALSE(profile_from_json(object, "old").plant.cogging);
+}
+
 TEST_F(DeviceProfiles, AreReadBackToTheBit) {
   save_profile(example(), folder_ / "p.json", false);
   const DeviceProfile read = load_profile(folder_ / "p.json");

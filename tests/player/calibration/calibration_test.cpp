@@ -108,6 +108,25 @@ TEST(Calibration, FindsTheAxesOfTheActuatorsInANoisyHandOnlyWhereTheyAreTurned) 
   }
 }
 
+TEST(Calibration, FindsTheCablesOfADeviceInAHandOnlyWhereThereAreSome) {
+  CalibrationOptions chosen = options();
+  chosen.places = true;
+  for (const EnsembleKind kind : {EnsembleKind::cables, EnsembleKind::late}) {
+    const EnsembleDraw draw = draw_device(1, 1, kind);
+    SimDevice device(draw.spec, {.seed = draw.noise_seed});
+    const CalibrationResult result = calibrated(device, chosen);
+    ASSERT_TRUE(result.succeeded()) << result.reason;
+    const auto& cogging = result.identification.plant.cogging;
+    ASSERT_EQ(cogging.has_value(), kind == EnsembleKind::cables) << to_string(kind);
+    if (!cogging) continue;
+    EXPECT_EQ(cogging->waves.size(), 3U);
+    for (const CoggingWave& wave : cogging->waves) {
+      EXPECT_NEAR(wave.amplitude(), 1, 0.2);
+      EXPECT_NEAR(2 * std::numbers::pi / wave.wave_number.norm(), 3e-3, 1e-5);
+    }
+  }
+}
+
 TEST(Calibration, FindsADeviceThatNowAndThenRepeatsAState) {
   class Repeating final : public Device {
    public:

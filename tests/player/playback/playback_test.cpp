@@ -332,6 +332,48 @@ TEST(Play, FollowsMoreCloselyFromTheFirstRepetitionWhenItKnowsTheAxesOfTheActuat
   for (const int learn : {0, 1}) EXPECT_LT(error(true, learn), 0.9 * error(false, learn)) << learn;
 }
 
+/// Cables of 1 N every 3 mm along turned actuators.
+SimSpec with_cables() {
+  SimSpec spec = test::true_device();
+  spec.rotation = Vec3(0.3, -0.5, 0.4);
+  spec.cogging = Vec3::Constant(1);
+  spec.cogging_period = 3e-3;
+  return spec;
+}
+
+/// Returns the force of the spec's cables, with the amplitude and the phase wrong by `share` and `phase`.
+Cogging cables_of(const SimSpec& spec, double share, double phase) {
+  const Eigen::Matrix3d axes = SimDevice(spec).plant().rotation();
+  Cogging cogging;
+  for (int axis = 0; axis < 3; ++axis)
+    cogging.waves.push_back({.wave_number = 2 * std::numbers::pi / spec.cogging_period * Vec3(axes.row(axis)),
+                             .cosine = -(1 + share) * spec.cogging[axis] * std::sin(phase),
+                             .sine = -(1 + share) * spec.cogging[axis] * std::cos(phase)});
+  return cogging;
+}
+
+TEST(Play, FollowsMoreCloselyWhenItKnowsTheCablesAlsoWhileItLearns) {
+  const SimSpec spec = with_cables();
+  const auto error = [&](bool known, int learn) {
+    SimDevice device(spec);
+    PlayOptions options = everything();
+    options.identified = test::identified_in_a_hand();
+    options.learn = learn;
+    if (known) options.identified->plant.cogging = cables_of(spec, -0.1, 0.1);
+    return played_circle(device, options).last.rms_error;
+  };
+  for (const int learn : {0, 2}) EXPECT_LT(error(true, learn), 0.7 * error(false, learn)) << learn;
+}
+
+TEST(PlayPlan, ComposesTheTermOfTheCoggingOnlyWhereItIsKnownAndNotLeftOut) {
+  PlayOptions options = everything();
+  options.identified->plant.cogging = cables_of(with_cables(), 0, 0);
+  EXPECT_THAT(composed(options), ElementsAre("inertia", "cogging", "observer", "learning"))
+      << "learning is too slow for it";
+  options.compensations.cogging = false;
+  EXPECT_THAT(composed(options), ElementsAre("inertia", "observer", "learning"));
+}
+
 TEST(Play, DoesNotDriveAnAxisWithoutMotorWhateverItsGains) {
   SimSpec spec = test::true_device();
   spec.axes = {true, true, false};
