@@ -50,6 +50,9 @@ struct Experiment {
   /// Strokes to and fro along one axis of W, with the others held and without excitation signal. A stretch has several
   /// cycles of different sizes.
   std::array<std::vector<Stretch>, 3> sweeps;
+
+  /// Strokes to and fro along one axis of W under pulses of force along it, with the others held.
+  std::array<std::vector<Stretch>, 3> pulsed{};
 };
 
 /// Returns the response at the lines of the excitation signal, from the whole periods in `dithered`; no lines without

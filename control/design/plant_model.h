@@ -38,6 +38,9 @@ struct PlantModel {
   /// accurate than F_c, the friction against a movement along each axis of W.
   std::optional<ActuatorFriction> actuators;
   std::optional<Cogging> cogging;  ///< force on the handle that repeats over the place, if one is known
+  /// Largest force that the motors give, a magnitude, if it is below the largest that was tried [N]; 0: none was found.
+  /// See identify_motor_limit().
+  double motor_limit = 0;
 };
 
 /// Result of an identification, see identify().

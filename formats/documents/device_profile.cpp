@@ -55,6 +55,7 @@ json json_of(const PlantModel& plant) {
                            {"axes_half_width_rad", plant.actuators->angle_half},
                            {"coulomb_half_width_n", haptrace::json_of(plant.actuators->coulomb_half)}};
   if (plant.cogging) object["cogging"] = json_of(*plant.cogging);
+  if (plant.motor_limit > 0) object["motor_limit_n"] = plant.motor_limit;
   return object;
 }
 
@@ -152,6 +153,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.position_noise = required.number("position_noise_m", 0, 1);
   if (auto actuators = reader.object("actuators")) plant.actuators = actuators_from(std::move(*actuators));
   if (auto cogging = reader.object("cogging")) plant.cogging = cogging_from(std::move(*cogging));
+  plant.motor_limit = reader.number("motor_limit_n", 0, 0, kLargest);
   reader.finish();
   return plant;
 }

@@ -102,6 +102,21 @@ TEST_F(DeviceProfiles, AreReadBackToTheBitWithTheAxesOfTheActuators) {
   EXPECT_EQ(read.plant.actuators->coulomb_half, profile.plant.actuators->coulomb_half);
 }
 
+TEST_F(DeviceProfiles, KeepTheLargestForceOfTheMotorsAndAreValidWithoutIt) {
+  DeviceProfile profile = example();
+  EXPECT_FALSE(to_json(profile)["plant"].contains("motor_limit_n"));
+  EXPECT_EQ(profile_from_json(to_json(profile), "old").plant.motor_limit, 0);
+  profile.plant.motor_limit = 10.0 / 3;
+  profile.half_width.motor_limit = 0.1 + 0.2;
+  save_profile(profile, folder_ / "p.json", false);
+  const DeviceProfile read = load_profile(folder_ / "p.json");
+  EXPECT_EQ(read.plant.motor_limit, profile.plant.motor_limit);
+  EXPECT_EQ(read.half_width.motor_limit, profile.half_width.motor_limit);
+  json negative = to_json(profile);
+  negative["plant"]["motor_limit_n"] = -1;
+  EXPECT_THROW((void)profile_from_json(negative, "negative"), Error);
+}
+
 TEST_F(DeviceProfiles, AreValidWithoutTheAxesOfTheActuatorsAndRejectAxesThatAreNotAtRightAngles) {
   json object = to_json(with_turned_actuators());
   object["plant"]["actuators"]["axes"]["x"] = {1, 0, 0};
