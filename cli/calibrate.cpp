@@ -37,15 +37,16 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
                                                                plan.places.size(), 1e3 * farthest_place(plan));
   return fmt::format(
       "calibrating {} for about {:.0f} s{}: it moves to the centre of its workspace, swings around it, sweeps along "
-      "each axis ({}){}\n"
+      "each axis ({}){}{}\n"
       "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
       "rms per axis\n"
       "  {}\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
       "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
       info.name, plan.duration + 1, plan.places.empty() ? "" : ", then trying laws, a quarter of a minute each",
-      axes_of(plan), places, 1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()),
-      plan.max_speed, plan.max_force, plan.max_dither,
+      axes_of(plan), places, plan.pulses ? ", and ends with strokes along each axis under pulses of force" : "",
+      1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()), plan.max_speed,
+      plan.max_force, plan.max_dither,
       plan.places.empty() ? "the laws are not tried afterwards"
                           : "afterwards it follows small circles at these places, under two laws or more");
 }
@@ -143,6 +144,12 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
                       1e3 * plant.delay, 1e3 * half.delay, 1e3 * plant.position_resolution, 1e3 * plant.position_noise);
   if (plant.actuators) text += text_of(*plant.actuators);
   if (plant.cogging) text += text_of(*plant.cogging);
+  if (result.motors.force > 0)
+    text += fmt::format("  the motors give at most {:.2f} +- {:.2f} N, of the {:.2f} N that were tried\n",
+                        result.motors.force, result.motors.half_width, result.motors.tried);
+  else if (result.motors.tried > 0)
+    text += fmt::format("  the motors do not saturate up to {:.2f} N, the largest force that was tried\n",
+                        result.motors.tried);
   text += fmt::format("  not explained by the model: {:.0f} % of the {}, {:.3f} N rms in the sweeps\n",
                       100 * result.identification.line_residual,
                       result.identification.coarse ? "force" : "response to the excitation",
@@ -238,6 +245,7 @@ int calibrate_command(const CLI::App& verb, const CalibrateArguments& arguments,
   }
   const DeviceProfile profile = profile_of(info, result, options.session.loop.rate_hz);
   json["profile"] = to_json(profile);
+  json["tried_force_n"] = result.motors.tried;
   const bool saved = file.save(profile, json, output);
   if (!saved && code == kDone) code = kStopped;
   output.tell(json,

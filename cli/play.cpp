@@ -446,7 +446,10 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   std::vector<std::string> notes =
       note_device_and_path(output, options.session, info, input.name(), path->facts().notes);
   const auto profile = arguments.profile.find(info, arguments.session.rate_hz, output, &options.session.known);
-  if (profile) options.identified = profile->identified();
+  if (profile) {
+    options.identified = profile->identified();
+    take_motor_limit(*profile, info, output, options.session);
+  }
   require_law(arguments, options, info);
   PlayPlan plan = plan_playback(info, path, options);
   add_notes(arguments, options, info, of_scene, plan);

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/rfc3339.h"
+#include "player/motor_limit.h"
 
 #include <chrono>
 #include <fmt/format.h>
@@ -29,6 +30,11 @@ std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::stri
   if (asked) throw input_error(fmt::format("{}: {}", file, reason));
   warn(fmt::format("{} is not used: {}", profile_file(identity_of(info)), reason));
   return std::nullopt;
+}
+
+void take_motor_limit(const DeviceProfile& profile, const DeviceInfo& info, const Output& output,
+                      SessionOptions& session) {
+  if (bound_by_motors(session, info, profile.plant)) output.warn(session.known.back());
 }
 
 DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz) {

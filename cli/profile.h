@@ -18,6 +18,11 @@ namespace haptrace::cli {
 std::optional<DeviceProfile> profile_for(const DeviceInfo& info, const std::string& file, double rate_hz,
                                          const Output& output, std::vector<Warning>* warnings = nullptr);
 
+/// Bounds the force of a session by what the motors of a calibrated device give (bound_by_motors), and prints the
+/// warning.
+void take_motor_limit(const DeviceProfile& profile, const DeviceInfo& info, const Output& output,
+                      SessionOptions& session);
+
 /// Returns the profile from a successful calibration of the device at this servo rate.
 DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz);
 

@@ -471,6 +471,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
       }};
   note_limits(output, options.session, *device);
   options.profile = session_profile(arguments, *device, folder, output);
+  if (options.profile) take_motor_limit(*options.profile, *device, output, options.session);
   if (!resumes) log = begin_session(json, where, *plan, *device, options);
 
   page.watch(options.session);

@@ -1,6 +1,7 @@
 #include "player/record.h"
 
 #include "base/error.h"
+#include "player/motor_limit.h"
 #include "player/record_controllers.h"
 #include "player/tuning/live_session.h"
 #include "scene/scene.h"
@@ -56,6 +57,7 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
   if (scene != nullptr || supports) {
     const bool needs_plant = supports || scene->options().passivity;
     if (needs_plant && options.identified) session.touch.plant = options.identified(device.info());
+    if (session.touch.plant) (void)bound_by_motors(session, device.info(), *session.touch.plant);
     if (options.live != nullptr) session.touch.requests = &options.live->requests();
   } else {
     // Only zero force is sent, so the speed of the hand needs no limit.

@@ -8,6 +8,7 @@
 #include "control/ripple.h"
 #include "devices/sim/sim_device.h"
 #include "player/calibration/calibration.h"
+#include "player/motor_limit.h"
 #include "player/playback/playback.h"
 #include "studies/needed_force.h"
 
@@ -46,6 +47,7 @@ struct Watched {
   const SimDevice& device;
   const SimSpec& spec;
   double rate_hz;
+  double most;  ///< largest force that the session sends and the device gives [N]
 };
 
 /// Passes the true position error to a subclass with every sample and counts the reports of the oscillation monitor.
@@ -81,6 +83,7 @@ class RunSink final : public TruthSink {
         ripple_(kRippleCutoff, watched.rate_hz),
         needed_(watched.spec, watched.rate_hz),
         available_(watched.spec.strongest()),
+        largest_(watched.most),
         half_window_(static_cast<std::uint64_t>(std::llround(0.5 * kShakingWindow * watched.rate_hz))) {}
 
   void write(EnsembleRun& run) const {
@@ -117,7 +120,7 @@ class RunSink final : public TruthSink {
     phase_ = sample.phase;
     if (phase_ == Phase::approach || phase_ == Phase::run) most_needed_ = std::max(most_needed_, needed);
     stopped_ = sample.phase == Phase::stopped;
-    if (!stopped_) at_largest_ = sample.force.stableNorm() >= kAtLargest * available_;
+    if (!stopped_) at_largest_ = sample.force.stableNorm() >= kAtLargest * largest_;
     if (sample.phase != Phase::run) return;
     ++samples_;
     error2_ += true_error.squaredNorm();
@@ -129,7 +132,8 @@ class RunSink final : public TruthSink {
 
   Ripple ripple_;
   NeededForce needed_;
-  double available_;        ///< [N]
+  double available_;        ///< of the device [N]
+  double largest_;          ///< of the session [N]
   double most_needed_ = 0;  ///< since the approach began [N]
   Phase phase_ = Phase::idle;
   double error2_ = 0, peak2_ = 0, ripple2_ = 0;
@@ -227,6 +231,8 @@ class PathTrials {
     if (quiet_.hand) quiet_.hand->tremor = quiet_.hand->drift = 0;
   }
 
+  [[nodiscard]] DeviceInfo device() const { return SimDevice(draw_.spec, sim_options()).info(); }
+
   [[nodiscard]] CalibrationResult calibrate() const {
     SimDevice device(draw_.spec, sim_options());
     CalibrationOptions options;
@@ -268,7 +274,9 @@ class PathTrials {
   template <class Sink, class Result>
   PlayResult play_on(const SimSpec& spec, const Path& path, PlayOptions options, Result& result) const {
     SimDevice device(spec, sim_options());
-    Sink sink({device, spec, options.session.loop.rate_hz});
+    const double limit = options.session.loop.limits.max_force;
+    Sink sink(
+        {device, spec, options.session.loop.rate_hz, limit > 0 ? std::min(limit, spec.strongest()) : spec.strongest()});
     options.sinks.push_back(&sink);
     PlayResult played = play(device, plan_playback(device.info(), path, options), options, stop_);
     result.cause = played.session.servo.cause;
@@ -349,6 +357,7 @@ EnsembleMember run_member(std::uint64_t seed, std::uint64_t index, const Ensembl
   PlayOptions calibrated = plain(kStiff);
   calibrated.gains.reset();
   calibrated.identified = calibration.identified();
+  (void)bound_by_motors(calibrated.session, trials.device(), calibration.identification.plant);
   calibrated.law = options.law;
   calibrated.firmness = options.firmness;
   calibrated.learn = options.learn;

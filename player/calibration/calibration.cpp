@@ -71,6 +71,15 @@ constexpr std::array<double, 3> kQuickSizes{1, 0.5, 1};
 constexpr std::array<double, 16> kFullSizes{1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35,
                                             1, 0.5, 0.75, 0.35, 1, 0.5, 0.75, 0.35};
 
+// Pulses: strokes along an axis under an alternating force of rising size. The pulses change the speed by as much as
+// the stroke has, so that the movement, and with it the friction, hardly ever reverses during a stroke.
+constexpr double kPulsedHz = 2.5;                          // of the strokes
+constexpr std::array<double, 3> kPulseSizes{0.4, 0.7, 1};  // of the largest pulse, one cycle of strokes each
+constexpr double kPulseForce = 0.7;                        // share of the permitted force
+constexpr double kPulseSpeed = 0.5;                        // share of the sweeps' peak speed
+constexpr double kPulseGains = 0.35;  // of the gains at the centre: the feedback hardly answers the pulses
+constexpr double kShortestPulse = 8e-3, kLongestPulse = 20e-3;  // [s]
+
 std::span<const double> sweep_sizes(bool full) {
   return full ? std::span<const double>(kFullSizes) : std::span<const double>(kQuickSizes);
 }
@@ -269,7 +278,7 @@ class FirstLook {
 class CalibrationController final : public Controller {
  public:
   enum class Verdict { none, blocked, wrong_way, unclear, deviation };
-  enum class Stage { approach, look, swing, sweep, travel, place, done };
+  enum class Stage { approach, look, swing, sweep, pulse, travel, place, done };
 
   explicit CalibrationController(const CalibrationPlan& plan)
       : plan_(plan),
@@ -312,6 +321,9 @@ class CalibrationController final : public Controller {
     if ((stage_ == Stage::travel || stage_ == Stage::place) && place_ < plan_.places.size() &&
         driven_part(this->reference(now - began_).position - state.position).norm() > kLetGo * plan_.max_deviation)
       travel_on(state.position, now);
+    if (stage_ == Stage::pulse &&
+        driven_part(this->reference(now - began_).position - state.position).norm() > kLetGo * plan_.max_deviation)
+      travel_to(plan_.places.size(), home_ + driven_part(state.position - home_), now);
     const Reference reference = this->reference(now - began_);
     dither_ += std::clamp(state.dt / kBlend, 0.0, 1.0) * (dither_wanted_ - dither_);
 
@@ -321,10 +333,15 @@ class CalibrationController final : public Controller {
     Vec3 hum = Vec3::Zero();
     if (stage_ == Stage::look || stage_ == Stage::swing || stage_ == Stage::place)
       hum = dither_.cwiseProduct(plan_.dither.value(now));
+    if (stage_ == Stage::pulse) hum[axis_] = pulse(now - began_);
     if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
     Vec3 pull = driven_part(pd_force(gains_, state, reference));
-    const double most = std::max(plan_.max_force - hum.norm(), 0.0), asked = pull.norm();
-    if (asked > most) pull *= most / asked;
+    if (stage_ == Stage::pulse) {
+      // Both pulses of a pair together leave the feedback its force, which the weight of the device needs.
+      pull = within(pull + hum, plan_.max_force) - hum;
+    } else {
+      pull = within(pull, std::max(plan_.max_force - hum.norm(), 0.0));
+    }
     command.wrench.force = pull + hum;
     command.feedforward = hum;
     listen(pull, hum, now);
@@ -358,6 +375,12 @@ class CalibrationController final : public Controller {
  private:
   [[nodiscard]] bool driven(int axis) const noexcept { return plan_.axes[static_cast<std::size_t>(axis)]; }
 
+  /// Returns `v`, shortened to `most` if it is longer.
+  [[nodiscard]] static Vec3 within(const Vec3& v, double most) noexcept {
+    const double size = v.norm();
+    return size > most ? Vec3(most / size * v) : v;
+  }
+
   [[nodiscard]] Vec3 driven_part(Vec3 v) const noexcept {
     for (int axis = 0; axis < 3; ++axis)
       if (!driven(axis)) v[axis] = 0;
@@ -379,14 +402,55 @@ class CalibrationController final : public Controller {
   }
 
   void next_sweep(double now) noexcept {
-    int axis = stage_ == Stage::sweep ? axis_ + 1 : 0;
-    while (axis < 3 && !driven(axis)) ++axis;
-    if (axis >= 3) {
+    const int axis = next_driven(stage_ == Stage::sweep ? axis_ + 1 : 0);
+    if (axis < 3) {
+      enter(Stage::sweep, now);
+      axis_ = axis;
+    } else {
       centre_gains_ = gains_;
-      return travel_to(0, now);
+      travel_to(0, now);
     }
-    enter(Stage::sweep, now);
+  }
+
+  void next_pulses(double now) noexcept {
+    const int axis = next_driven(stage_ == Stage::pulse ? axis_ + 1 : 0);
+    if (axis >= 3) return enter(Stage::done, now);
+    gains_ = {kPulseGains * centre_gains_.kp, kPulseGains * centre_gains_.kd};
+    enter(Stage::pulse, now);
     axis_ = axis;
+    pulsed_ = true;
+    // A pulse turns the speed of the movement by twice the share that the pulses have.
+    const double turn = 2 * kPulseSpeed * plan_.max_speed * std::max(look_.mass(axis), 1e-3);  // [N s]
+    const double force = kPulseForce * plan_.max_force;
+    pulse_time_ = std::clamp(turn / force, kShortestPulse, kLongestPulse);
+    pulse_force_ = std::min(force, turn / pulse_time_);
+  }
+
+  [[nodiscard]] int next_driven(int axis) const noexcept {
+    while (axis < 3 && !driven(axis)) ++axis;
+    return axis;
+  }
+
+  /// Ends the session with the pulses, unless they were tried. They come last: the monitor of vibrations may take the
+  /// answer of the feedback to them for one, and soften it.
+  void finish(double now) noexcept {
+    if (plan_.pulses && !pulsed_)
+      next_pulses(now);
+    else
+      enter(Stage::done, now);
+  }
+
+  /// Returns the force of the pulses `since` [s] after the strokes began [N].
+  [[nodiscard]] double pulse(double since) const noexcept {
+    const double turns = since * kPulsedHz - kSweepLead;
+    if (turns < 0) return 0;
+    const auto cycle = std::min(static_cast<std::size_t>(turns), kPulseSizes.size() - 1);
+    const double phase = std::fmod(turns / kPulsedHz / pulse_time_ + 0.5, 2.0);  // the first pulse is half a one
+    return (phase < 1 ? pulse_force_ : -pulse_force_) * kPulseSizes[cycle];
+  }
+
+  [[nodiscard]] static double pulsed_time() noexcept {
+    return (kSweepLead + static_cast<double>(kPulseSizes.size())) / kPulsedHz;
   }
 
   void travel_to(std::size_t place, double now) noexcept { travel_to(place, around_, now); }
@@ -398,7 +462,10 @@ class CalibrationController final : public Controller {
     const bool another = place < plan_.places.size();
     around_ = another ? home_ + driven_part(plan_.places[place] - home_) : home_;
     travel_ = Approach(from, around_, plan_.approach_speed, kShortestApproach);
-    enter(another || from != around_ ? Stage::travel : Stage::done, now);
+    if (another || from != around_)
+      enter(Stage::travel, now);
+    else
+      finish(now);
   }
 
   /// Leaves out a place where the hand does not go, and all that are left once that has happened often.
@@ -437,10 +504,16 @@ class CalibrationController final : public Controller {
         measures_ = since >= kSweepLead / kSweepHz && since < sweep_time();
         if (since >= sweep_time()) next_sweep(now);
         break;
+      case Stage::pulse:
+        measures_ = since >= kSweepLead / kPulsedHz && since < pulsed_time();
+        if (since >= pulsed_time()) next_pulses(now);
+        break;
       case Stage::travel:
         if (since < travel_.duration()) break;
-        enter(place_ < plan_.places.size() ? Stage::place : Stage::done, now);
-        if (stage_ == Stage::place) {
+        if (place_ >= plan_.places.size()) {
+          finish(now);
+        } else {
+          enter(Stage::place, now);
           there_.reset();
           dither_wanted_ = dither_measured_.cwiseProduct(expected_mass().cwiseMax(kLeastDither));
         }
@@ -626,6 +699,13 @@ class CalibrationController final : public Controller {
         r.velocity[axis_] = sweep_size_[axis_] * size * kSweepHz * triangle.slope;
         break;
       }
+      case Stage::pulse: {
+        const RoundedTriangle triangle = RoundedTriangle::at(since * kPulsedHz);
+        const double size = std::min(kPulseSpeed * plan_.max_speed / (4 * kPulsedHz), plan_.reach[axis_]);
+        r.position[axis_] += size * triangle.value;
+        r.velocity[axis_] = size * kPulsedHz * triangle.slope;
+        break;
+      }
       case Stage::done:
         break;
     }
@@ -649,13 +729,15 @@ class CalibrationController final : public Controller {
   Vec3 home_ = Vec3::Zero();
   Vec3 around_ = Vec3::Zero();  ///< centre of the movement
   std::size_t place_ = 0;
-  int left_out_ = 0;                                             ///< places
   BasicButterworth2<Vec3> pulled_, hummed_;                      ///< high passes of the feedback and of the excitation
   Vec3 pull_ripple_ = Vec3::Zero(), hum_ripple_ = Vec3::Zero();  ///< sums of their squares [N^2]
   double windows_;                                               ///< of the swing
   bool compared_;                                                ///< the windows were compared, or need not be
   bool calm_ = false;                                            ///< the gains suit the device
   int softer_ = 0;                                               ///< how often the gains were halved
+  bool pulsed_ = false;                                          ///< the pulses began
+  int left_out_ = 0;                                             ///< places
+  double pulse_force_ = 0, pulse_time_ = kLongestPulse;          ///< largest pulse of an axis [N], and its duration [s]
   Approach approach_, travel_;
   double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
@@ -669,6 +751,7 @@ class CalibrationLog final : public SampleSink {
     rows_.reserve(rows);
     dithered_.reserve(4);
     for (auto& axis : sweeps_) axis.reserve(4);
+    for (auto& axis : pulsed_) axis.reserve(1);
   }
 
   using SampleSink::push;
@@ -678,12 +761,15 @@ class CalibrationLog final : public SampleSink {
     if (rows_.size() == rows_.capacity()) return;
     rows_.push_back(row);
     const bool measures = controller_.measures();
-    const int axis = controller_.stage() == CalibrationController::Stage::sweep ? controller_.axis() : -1;
+    const CalibrationController::Stage stage = controller_.stage();
+    const bool along_axis =
+        stage == CalibrationController::Stage::sweep || stage == CalibrationController::Stage::pulse;
+    const int axis = along_axis ? controller_.axis() : -1;
     if (!measures) {
       open_ = nullptr;
       return;
     }
-    if (controller_.stage() == CalibrationController::Stage::place) {
+    if (stage == CalibrationController::Stage::place) {
       const std::size_t place = controller_.place();
       if (place >= kMostPlaces) return;
       if (places_end_[place] == 0) places_begin_[place] = rows_.size() - 1;
@@ -691,7 +777,8 @@ class CalibrationLog final : public SampleSink {
       return;
     }
     if (open_ == nullptr || axis != axis_) {
-      std::vector<Stretch>& list = axis < 0 ? dithered_ : sweeps_[static_cast<std::size_t>(axis)];
+      auto& of_axes = stage == CalibrationController::Stage::pulse ? pulsed_ : sweeps_;
+      std::vector<Stretch>& list = axis < 0 ? dithered_ : of_axes[static_cast<std::size_t>(axis)];
       if (list.size() == list.capacity()) return;
       list.push_back({rows_.size() - 1, rows_.size()});
       open_ = &list.back();
@@ -713,8 +800,12 @@ class CalibrationLog final : public SampleSink {
             .dithered = dithered_,
             .centre = plan.centre,
             .places = std::move(places),
-            .sweeps = sweeps_};
+            .sweeps = sweeps_,
+            .pulsed = pulsed_};
   }
+
+  /// See shorten_forces().
+  void shorten(double limit) { shorten_forces(rows_, limit); }
 
   /// Returns an experiment of all recorded samples, for a session that ended early.
   [[nodiscard]] Experiment whole(const CalibrationPlan& plan) const {
@@ -725,7 +816,8 @@ class CalibrationLog final : public SampleSink {
             .dithered = {{0, rows_.size()}},
             .centre = plan.centre,
             .places = {},
-            .sweeps = {}};
+            .sweeps = {},
+            .pulsed = {}};
   }
 
  private:
@@ -747,7 +839,7 @@ class CalibrationLog final : public SampleSink {
   std::uint64_t tick_ = 0;  ///< tick of the last sample
   std::vector<TickRow> rows_;
   std::vector<Stretch> dithered_;
-  std::array<std::vector<Stretch>, 3> sweeps_;
+  std::array<std::vector<Stretch>, 3> sweeps_, pulsed_;
   static constexpr std::size_t kMostPlaces = 9;
   std::array<std::size_t, kMostPlaces> places_begin_{}, places_end_{};  ///< rows
   Stretch* open_ = nullptr;
@@ -1028,6 +1120,7 @@ double planned_duration(const CalibrationPlan& plan) {
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
   double duration = 3 * kBlend + 2 * kSettle + kLook + (plan.full ? kMoreWindows : kWindows) * plan.dither.period() +
                     axes * sweep / kSweepHz;
+  if (plan.pulses) duration += axes * (0.5 + static_cast<double>(kPulseSizes.size())) / kPulsedHz;
   Vec3 from = plan.centre;
   for (const Vec3& place : plan.places) {
     duration += Approach(from, place, plan.approach_speed, kShortestApproach).duration() + kSettle +
@@ -1069,6 +1162,7 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
       .max_dither = std::min({kMostDither * force, kDitherOfForce * most, kLargestDither}),
       .dither = Multisine(kLowestLine, highest, highest < kHighestLine ? kLongPeriod : kPeriod, device.force_axes)};
   set_reach(device, plan);
+  plan.pulses = options.places;
   if (options.places) add_places(device, plan);
   plan.max_speed = kTwoPi * plan.reach.maxCoeff();  // one circle with the radius of the reach per second
   plan.max_deviation = std::max(2 * plan.reach.maxCoeff(), 0.02);
@@ -1094,7 +1188,7 @@ class CalibrationRun {
     CalibrationLog log(controller, rows());
     if (measured(controller, log, options_.session)) {
       Experiment experiment = log.experiment(plan_);
-      result_.identification = identify(experiment);
+      take_model(identify(experiment));
       std::vector<TickRow> rows;
       if (const PlantModel& plant = result_.identification.plant; plant.cogging) {
         rows = without_cogging(experiment, *plant.cogging, plant.delay);
@@ -1102,14 +1196,13 @@ class CalibrationRun {
       }
       const HeldIdentification held = identify_held(experiment, result_.identification);
       if (!result_.identification.fits)
-        if (Identification other = identify_as_held(experiment, held); other.fits)
-          result_.identification = std::move(other);
+        if (Identification other = identify_as_held(experiment, held); other.fits) take_model(std::move(other));
       if (result_.identification.fits) {
         design(experiment, held);
         return std::move(result_);
       }
       result_.doubt = result_.identification.reason;
-      result_.identification = identify_coarsely(log.experiment(plan_));
+      take_model(identify_coarsely(log.experiment(plan_)));
     } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
       return std::move(result_);
     }
@@ -1134,7 +1227,30 @@ class CalibrationRun {
     result_.reason = result_.session.servo.cause != StopCause::finished
                          ? reason_of(controller, result_.session, position_quantum(log.whole(plan_).rows))
                          : std::string();
-    return result_.reason.empty();
+    if (!result_.reason.empty()) return false;
+    take_motors(log);
+    return true;
+  }
+
+  /// Finds the force of the motors. If it is below what was asked of them, gives the rows the force that acted, and
+  /// bounds all that follows.
+  void take_motors(CalibrationLog& log) {
+    const MotorLimit& motors = result_.motors = identify_motor_limit(log.experiment(plan_));
+    if (!(motors.force > 0)) return;
+    log.shorten(motors.force);
+    result_.session.warn(Severity::warning, "motor_limit",
+                         fmt::format("the motors gave at most {:.2f} +- {:.2f} N of the {:.2f} N that were sent: they "
+                                     "saturate below the force that the device states. Sessions with this profile "
+                                     "send no more",
+                                     motors.force, motors.half_width, motors.tried));
+    plan_.device_force = std::min(plan_.device_force, motors.force);
+    plan_.max_force = std::min(plan_.max_force, motors.force);
+  }
+
+  void take_model(Identification identified) {
+    identified.plant.motor_limit = result_.motors.force;
+    identified.half_width.motor_limit = result_.motors.half_width;
+    result_.identification = std::move(identified);
   }
 
   /// Designs the laws for a full model, and tries them.
@@ -1169,7 +1285,7 @@ class CalibrationRun {
     result_.session.recording_error = std::move(before.recording_error);
     std::vector<Warning>& warnings = result_.session.warnings;
     warnings.insert(warnings.begin(), before.warnings.begin(), before.warnings.end());
-    if (finished) result_.identification = identify_coarsely(log.experiment(plan_));
+    if (finished) take_model(identify_coarsely(log.experiment(plan_)));
     return finished;
   }
 
@@ -1177,7 +1293,7 @@ class CalibrationRun {
   const CalibrationOptions& options_;
   const StopRequest& stop_;
   const Progress& progress_;
-  const CalibrationPlan plan_;
+  CalibrationPlan plan_;
   CalibrationResult result_;
 };
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control/design/identified_device.h"
+#include "control/design/saturation_identification.h"
 #include "player/session.h"
 
 #include <functional>
@@ -21,6 +22,7 @@ struct CalibrationOptions {
 
 struct CalibrationResult {
   SessionResult session;
+  MotorLimit motors;                     ///< largest force of the motors, from the last session that finished
   Identification identification;         ///< model from the recorded data; `fits` is false when the data do not suffice
   std::optional<TrackingDesign> design;  ///< present when the session finished and the model fits
   std::string reason;                    ///< why there is no design; empty when there is one
@@ -38,9 +40,11 @@ struct CalibrationResult {
 
 /// Moves the device to the middle of its workspace and swings it round while an excitation signal of many frequencies
 /// acts on the force; the response yields mass and delay. Then sweeps the device along each axis to identify friction
-/// and gravity. A first look at the response checks that the device moves in the direction of the force and sets the
-/// gains and the amplitude of the excitation for the rest. The plan bounds forces, speed and distances. The session
-/// ends early when the device is blocked, pushed away or driven in the wrong direction.
+/// and gravity. With `places`, strokes under pulses of force that grow follow: they show whether the motors saturate
+/// below the force that the device states. If so, what follows stays below that, and the model and the laws are those
+/// for the force that acts. A first look at the response checks that the device moves in the direction of the force and
+/// sets the gains and the amplitude of the excitation for the rest. The plan bounds forces, speed and distances. The
+/// session ends early when the device is blocked, pushed away or driven in the wrong direction.
 ///
 /// If the response is not that of a mass, identify_coarsely makes a coarse model. The law designed for it is then tried
 /// out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth. The first law that

@@ -12,6 +12,7 @@ namespace haptrace {
 /// Movement, forces and bounds of a calibration.
 struct CalibrationPlan {
   bool full = false;
+  bool pulses = false;  ///< with strokes under pulses of force along every axis, which show how much the motors give
   double rate_hz = 1000;
   std::array<bool, 3> axes{};     ///< axes that take a force
   Vec3 centre = Vec3::Zero();     ///< centre of the movements: the middle of the workspace [m]

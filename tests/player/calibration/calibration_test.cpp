@@ -298,7 +298,7 @@ TEST(Calibration, LastsTenSecondsOrHalfAMinute) {
   EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 10, 0.5);
   chosen.full = true;
   EXPECT_NEAR(plan_calibration(device.info(), chosen).duration, 33, 3);
-  EXPECT_NEAR(plan_calibration(device.info(), whole()).duration, 28, 2);
+  EXPECT_NEAR(plan_calibration(device.info(), whole()).duration, 32, 2);
   EXPECT_EQ(plan_calibration(device.info(), whole()).places.size(), 6U);
 }
 
@@ -362,6 +362,42 @@ TEST(Calibration, StaysWithinTheAnnouncedForceAndReach) {
   };
   for (const char* name : {"falcon", "premium1.5", "omega3", "inverse3"}) watched(name, options());
   watched("falcon", whole());
+}
+
+TEST(Calibration, FindsMotorsThatSaturateBelowTheStatedForceAndBoundsAllThatFollowsByIt) {
+  CalibrationOptions chosen = options();
+  chosen.places = true;
+  for (const double motors : {3.2, 4.5}) {
+    SimSpec spec = preset("falcon", "relaxed");
+    spec.motor_limit = motors;
+    SimDevice device(spec);
+    const CalibrationResult result = calibrated(device, chosen);
+    ASSERT_TRUE(result.succeeded()) << result.reason;
+    EXPECT_NEAR(result.motors.force, motors, result.motors.half_width);
+    EXPECT_LT(result.motors.half_width, 0.15 * motors);
+    EXPECT_EQ(result.identification.plant.motor_limit, result.motors.force);
+    EXPECT_EQ(result.identification.half_width.motor_limit, result.motors.half_width);
+    EXPECT_LT(result.design->authority, motors) << "of the disturbance observer";
+    EXPECT_THAT(result.session.warnings, testing::Contains(testing::Field(&Warning::code, "motor_limit")));
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_NEAR(result.identification.plant.mass[axis], 0.4, 0.08) << "the model is that of the force that acted";
+  }
+}
+
+TEST(Calibration, FindsNoLimitOfMotorsThatGiveAllTheirForceNorWhereItTriesNone) {
+  CalibrationOptions chosen = options();
+  chosen.places = true;
+  for (const auto& [name, hand] : {std::pair{"falcon", "relaxed"}, {"falcon", "none"}, {"premium1.5", "firm"}}) {
+    SimDevice device(preset(name, hand));
+    const CalibrationResult result = calibrated(device, chosen);
+    EXPECT_GT(result.motors.tried, 0) << name << ' ' << hand;
+    EXPECT_EQ(result.motors.force, 0) << name << ' ' << hand;
+    EXPECT_EQ(result.identification.plant.motor_limit, 0) << name << ' ' << hand;
+  }
+  SimSpec spec = preset("falcon", "relaxed");
+  spec.motor_limit = 3.2;
+  SimDevice device(spec);
+  EXPECT_EQ(calibrated(device).motors.tried, 0) << "a quick calibration has no pulses";
 }
 
 TEST(Calibration, EndsWithoutAModelWhenNothingMoves) {
