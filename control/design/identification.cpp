@@ -959,10 +959,13 @@ std::string doubt_about(int axis, const Identification& found, const SweepFit& s
 
 void take(const SweepFit& fit, int axis, Identification& result) {
   PlantModel &plant = result.plant, &half = result.half_width;
-  plant.coulomb[axis] = fit.coulomb;
-  plant.viscous[axis] = fit.viscous;
   plant.gravity[axis] = fit.gravity;
-  plant.gravity_gradient(axis, axis) = fit.gradient;
+  // What a hand that trembles hides is not known: friction that is not there would be fed forward.
+  if (fit.unexplained <= kMostUnexplained) {
+    plant.coulomb[axis] = fit.coulomb;
+    plant.viscous[axis] = fit.viscous;
+    plant.gravity_gradient(axis, axis) = fit.gradient;
+  }
   half.coulomb[axis] = fit.coulomb_half;
   half.viscous[axis] = fit.viscous_half;
   half.gravity[axis] = fit.gravity_half;

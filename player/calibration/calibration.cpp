@@ -85,7 +85,7 @@ std::span<const double> sweep_sizes(bool full) {
 }
 
 constexpr double kWindows = 2, kMoreWindows = 8;  // number of periods of the excitation signal at the centre
-constexpr double kMostScatter = 0.15;             // between the responses in the first two, see FirstLook::scatter
+constexpr double kMostScatter = 0.08;             // between the responses in the first two, see FirstLook::scatter
 
 /// Returns the frequency of the swing [Hz]. Multisine has no lines at its harmonics.
 double swing_hz(const CalibrationPlan& plan) {
@@ -1194,14 +1194,18 @@ class CalibrationRun {
         rows = without_cogging(experiment, *plant.cogging, plant.delay);
         experiment.rows = rows;
       }
-      const HeldIdentification held = identify_held(experiment, result_.identification);
-      if (!result_.identification.fits)
+      HeldIdentification held;
+      if (options_.laws) held = identify_held(experiment, result_.identification);
+      const std::string doubt = result_.identification.reason;  // empty if the device responds like a mass
+      if (!doubt.empty())
         if (Identification other = identify_as_held(experiment, held); other.fits) take_model(std::move(other));
       if (result_.identification.fits) {
         design(experiment, held);
-        return std::move(result_);
+        if (doubt.empty() || !result_.reason.empty() || some_law_passed()) return std::move(result_);
+        result_.design.reset();
+        result_.held.reset();
       }
-      result_.doubt = result_.identification.reason;
+      result_.doubt = doubt;
       take_model(identify_coarsely(log.experiment(plan_)));
     } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
       return std::move(result_);
@@ -1214,6 +1218,14 @@ class CalibrationRun {
   }
 
  private:
+  /// Returns whether a law passed its trial. A model in which a device does not respond like a mass needs that.
+  [[nodiscard]] bool some_law_passed() const {
+    const auto passed = [](const LawVerdict& verdict) { return verdict.tried && verdict.refused.empty(); };
+    return result_.held && (passed(result_.held->observer) ||
+                            std::ranges::any_of(result_.held->designs,
+                                                [&](const LqgDesign& design) { return passed(design.verdict); }));
+  }
+
   /// Returns the number of rows to keep of a session.
   [[nodiscard]] std::size_t rows() const {
     constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
