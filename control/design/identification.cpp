@@ -857,10 +857,9 @@ double white_noise(std::span<const TickRow> rows, const std::array<bool, 3>& axe
   return std::sqrt(std::max(beyond, 0.0));
 }
 
-constexpr double kMostUnexplained = 0.5;        // limit of the unexplained fraction of a response or a force
-constexpr double kMostUnexplainedSweep = 0.75;  // the same of a sweep, into which the hand's own force goes whole
-constexpr double kLeastCertain = 0.35;          // largest half width of a mass interval, as a fraction of the mass
-constexpr double kLeastCertainCoarse = 0.75;    // the same for a coarse model
+constexpr double kMostUnexplained = 0.5;      // limit of the unexplained fraction of a response or a force
+constexpr double kLeastCertain = 0.35;        // largest half width of a mass interval, as a fraction of the mass
+constexpr double kLeastCertainCoarse = 0.75;  // the same for a coarse model
 
 constexpr double kClearEvidence = 10;         // 2 ln of a Bayes factor
 constexpr double kOverwhelmingEvidence = 30;  // the same
@@ -951,7 +950,7 @@ std::string doubt_about(int axis, const Identification& found, const SweepFit& s
     return fmt::format("the mass in {} is uncertain: {:.3f} +- {:.3f} kg", name, mass, half);
   if (sweeps.blocks < 2)
     return fmt::format("the device slid for too little of the sweeps in {}, or ticks were missed", name);
-  if (sweeps.unexplained > kMostUnexplainedSweep)
+  if (sweeps.unexplained > kMostUnexplained)
     return fmt::format("the model does not explain {:.0f} % of the force of the sweeps in {}", 100 * sweeps.unexplained,
                        name);
   return "";
@@ -959,13 +958,10 @@ std::string doubt_about(int axis, const Identification& found, const SweepFit& s
 
 void take(const SweepFit& fit, int axis, Identification& result) {
   PlantModel &plant = result.plant, &half = result.half_width;
+  plant.coulomb[axis] = fit.coulomb;
+  plant.viscous[axis] = fit.viscous;
   plant.gravity[axis] = fit.gravity;
-  // What a hand that trembles hides is not known: friction that is not there would be fed forward.
-  if (fit.unexplained <= kMostUnexplained) {
-    plant.coulomb[axis] = fit.coulomb;
-    plant.viscous[axis] = fit.viscous;
-    plant.gravity_gradient(axis, axis) = fit.gradient;
-  }
+  plant.gravity_gradient(axis, axis) = fit.gradient;
   half.coulomb[axis] = fit.coulomb_half;
   half.viscous[axis] = fit.viscous_half;
   half.gravity[axis] = fit.gravity_half;

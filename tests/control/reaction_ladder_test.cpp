@@ -60,6 +60,34 @@ TEST(ReactionLadder, EndsAVibrationThatThreeStepsDoNotCalmWithinASecond) {
   EXPECT_EQ(ladder.steps()[static_cast<std::size_t>(VibrationRule::energy)], 3);
 }
 
+TEST(ReactionLadder, GivesTheFeedbackBackOnlyToOtherGainsAndWithoutAJump) {
+  ReactionLadder ladder;
+  ladder.renew();
+  EXPECT_EQ(ladder.target(), 1) << "nothing was taken";
+  (void)run(ladder, kFast, 0.05);
+  ASSERT_NEAR(ladder.share(), 0.3, 1e-9);
+  ladder.renew();
+  EXPECT_FALSE(ladder.softened());
+  double last = ladder.share();
+  for (int k = 0; k < 500; ++k) {
+    (void)ladder.update(std::nullopt, kTick);
+    EXPECT_LE(std::abs(ladder.share() - last), 0.0015);
+    last = ladder.share();
+  }
+  EXPECT_NEAR(ladder.share(), 1, 1e-9);
+  EXPECT_EQ(run(ladder, kFast, 0.05).size(), 1U) << "the other gains may vibrate as well";
+  EXPECT_NEAR(ladder.share(), 0.3, 1e-9);
+}
+
+TEST(ReactionLadder, GivesNothingBackOnceSofteningCouldNotHelp) {
+  ReactionLadder ladder;
+  (void)run(ladder, kFast, 1);
+  ASSERT_TRUE(ladder.beyond_help());
+  ladder.renew();
+  (void)run(ladder, std::nullopt, 1);
+  EXPECT_NEAR(ladder.share(), 0.05, 1e-9);
+}
+
 TEST(ReactionLadder, ReducesAResidualVibrationMoreSlowlyAndNeverEndsForIt) {
   VibrationAlarm rest = kFast;
   rest.remains = true;

@@ -10,7 +10,7 @@
 namespace haptrace {
 namespace {
 
-constexpr double kRate = 1000;
+constexpr double kLoopRate = 1000;
 
 /// A device in a hand, under pulses along each axis in turn. Its own simulation, in steps of 10 us.
 struct PulsedBench {
@@ -31,14 +31,15 @@ struct PulsedBench {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (!axes[axis]) continue;
       const std::size_t begin = rows.size();
-      for (int k = 0; k < 1400; ++k) tick(static_cast<int>(axis), k / kRate);
+      for (int k = 0; k < 1400; ++k) tick(static_cast<int>(axis), k / kLoopRate);
       pulsed[axis].push_back({begin + 200, rows.size()});
     }
     return *this;
   }
 
   [[nodiscard]] Experiment experiment() const {
-    return {.rows = rows, .rate_hz = kRate, .axes = axes, .dithered = {}, .places = {}, .sweeps = {}, .pulsed = pulsed};
+    return {
+        .rows = rows, .rate_hz = kLoopRate, .axes = axes, .dithered = {}, .places = {}, .sweeps = {}, .pulsed = pulsed};
   }
 
   [[nodiscard]] MotorLimit found() const { return identify_motor_limit(experiment()); }
@@ -60,15 +61,15 @@ struct PulsedBench {
     const double size = t < 0.2 ? 0 : t < 0.6 ? 0.4 : t < 1 ? 0.7 : 1;
     force[axis] += (std::fmod(t, 0.024) < 0.012 ? 0.7 : -0.7) * most * size;
     if (const double magnitude = force.norm(); magnitude > most) force *= most / magnitude;
-    rows.push_back({static_cast<double>(rows.size()) / kRate, seen, force});
+    rows.push_back({static_cast<double>(rows.size()) / kLoopRate, seen, force});
     sent_.push_back(force);
     if (sent_.size() > 20) sent_.pop_front();
     constexpr int kSteps = 100;
-    for (int step = 0; step < kSteps; ++step) advance(step, 1 / kRate / kSteps);
+    for (int step = 0; step < kSteps; ++step) advance(step, 1 / kLoopRate / kSteps);
   }
 
   void advance(int step, double h) {
-    const auto late = static_cast<std::size_t>(std::ceil((delay - (step + 0.5) * h) * kRate));
+    const auto late = static_cast<std::size_t>(std::ceil((delay - (step + 0.5) * h) * kLoopRate));
     Vec3 u = late < sent_.size() ? sent_[sent_.size() - 1 - late] : Vec3(Vec3::Zero());
     if (const double size = u.norm(); size > motors) u *= motors / size;
     for (int i = 0; i < 3; ++i) {

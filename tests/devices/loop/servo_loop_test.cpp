@@ -353,6 +353,34 @@ TEST(ServoLoop, SoftensAForceThatVibratesInEverySessionAndReportsIt) {
     EXPECT_LE(result.log.samples[i].force.norm(), 4 * result.report.vibration.share + 1e-9);
 }
 
+TEST(ServoLoop, GivesTheFeedbackBackToGainsThatReplaceThoseThatVibrated) {
+  PointMass device(100);
+  bool vibrated = false, told = false;
+  Scripted controller([&](const State& state) {
+    Command command;
+    const bool other = state.tick >= 1000;
+    const double sine = std::sin(2 * std::numbers::pi * 60e-9 * static_cast<double>(state.time_ns));
+    command.wrench.force = other ? Vec3(0.5, 0, 0) : Vec3(4 * sine, 0, 0);
+    command.renewed = state.tick == 1000;
+    vibrated |= state.vibrated;
+    told |= other && state.tick > 1000 && state.vibrated;
+    if (state.tick >= 2000) command.status = Command::Status::finished;
+    return command;
+  });
+  const Outcome result = run(device, controller, kVirtual);
+  EXPECT_EQ(result.report.cause, StopCause::finished);
+  EXPECT_TRUE(vibrated);
+  EXPECT_FALSE(told);
+  EXPECT_EQ(result.report.vibration.share, 1);
+  const auto is_renewal = [](const Event& event) { return event.code == EventCode::feedback_renewed; };
+  ASSERT_EQ(std::ranges::count_if(result.log.events, is_renewal), 1);
+  const Event renewal = *std::ranges::find_if(result.log.events, is_renewal);
+  EXPECT_EQ(renewal.values[1], 1);
+  EXPECT_THAT(describe(renewal), HasSubstr("to 100 %"));
+  EXPECT_LT(result.log.samples[1001].force.norm(), 0.2) << "without a jump";
+  EXPECT_NEAR(result.log.samples[1600].force.norm(), 0.5, 1e-6);
+}
+
 TEST(ServoLoop, EndsASessionWhoseForceKeepsVibrating) {
   PointMass device(100);
   Scripted controller = shaking(60, Vec3(4000, 0, 0), Vec3::Zero(), 0);
