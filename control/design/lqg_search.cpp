@@ -291,7 +291,9 @@ double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, doubl
 
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple) {
   const auto moving = design_lqg(identified, numbers);
-  const auto resting = design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
+  // A link that swings does not bear the fast law for rest: friction holds the motors, and its other end goes on.
+  const auto resting =
+      identified.link.mass > 0 ? moving : design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
   if (!moving || !resting) return std::nullopt;
   return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving, kLearnedNoise * plain_ripple)};
 }

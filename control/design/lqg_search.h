@@ -51,8 +51,8 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
 double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, double max_noise);
 inline constexpr double kLeastLearning = 15, kMostLearning = 30;  ///< [Hz]
 
-/// Designs both laws of an identified axis; the one for rest may make as much ripple as a normal one for movement, of
-/// `plain_ripple` [N]. Returns nothing and throws like design_lqg().
+/// Designs both laws of an identified axis, which are one if it has a flexible link. The one for rest may make as much
+/// ripple as a normal one for movement, of `plain_ripple` [N]. Returns nothing and throws like design_lqg().
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple);
 
 struct LqgSearchOptions {

@@ -173,13 +173,15 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   return table;
 }
 
-/// Returns the law with plain PD control as its stand-in, if the device bore that in the trials of its calibration. If
-/// the operator chose the gains, they stay.
+/// Returns the law with plain PD control as its stand-in, if the device bore stiff gains in the trials of its
+/// calibration: softer ones would follow worse than the softened law. If the operator chose the gains, they stay.
 std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own,
                                          const PlayOptions& options) {
   const auto& held = options.identified->held;
-  if (!held || !held->design(Firmness::normal).verdict.tried || options.gains || options.impedance) return law;
-  return std::make_unique<StandInLaw>(std::move(law), own, options.identified->design.plain);
+  const PdGains& plain = options.identified->design.plain;
+  const bool tried = held && held->design(Firmness::normal).verdict.tried && plain.kp == stiff_gains().kp;
+  if (!tried || options.gains || options.impedance) return law;
+  return std::make_unique<StandInLaw>(std::move(law), own, plain);
 }
 
 /// Creates the terms of the law. Each term receives the sum of those before it, hence the order: known load, feedback,

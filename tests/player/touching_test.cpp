@@ -71,7 +71,8 @@ State state_at(const Vec3& position, std::size_t tick) {
   return state;
 }
 
-PlayResult played(Device& device, PlayOptions options, Log* log = nullptr, const Path& path = through_the_wall()) {
+PlayResult touched_along(Device& device, PlayOptions options, Log* log = nullptr,
+                         const Path& path = through_the_wall()) {
   if (log != nullptr) options.sinks.push_back(log);
   return play(device, plan_playback(device.info(), path, options), options, StopRequest{});
 }
@@ -208,7 +209,7 @@ TEST(PlaybackWithAScene, SendsTheSumOfBothForcesAndRecordsTheContacts) {
   PointMass device;
   PlayOptions options = through(wall());
   options.session.recording = SessionOptions::Recording{.file = folder / "played.h5"};
-  const PlayResult result = played(device, options);
+  const PlayResult result = touched_along(device, options);
   EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
   ASSERT_EQ(result.session.touches.size(), 1U);
   EXPECT_EQ(result.session.touches[0].times, 1);
@@ -246,9 +247,9 @@ TEST(PlaybackWithAScene, IsThatWithoutOneToTheLastBitWhereNothingIsTouched) {
   options.identified = identified(known_plant());
   SimDevice one(test::true_device()), other(test::true_device());
   Log with, without;
-  (void)played(one, options, &with, away);
+  (void)touched_along(one, options, &with, away);
   options.session.touch = {};
-  (void)played(other, options, &without, away);
+  (void)touched_along(other, options, &without, away);
   ASSERT_EQ(with.samples.size(), without.samples.size());
   for (std::size_t i = 0; i < with.samples.size(); ++i) ASSERT_EQ(with.samples[i].force, without.samples[i].force);
 }
@@ -259,7 +260,7 @@ TEST(PlaybackWithAScene, IsHeldBackByAWallThatTheObserverDoesNotCancel) {
   options.playback.hold = 3;
   SimDevice device(test::true_device());
   Log log;
-  const PlayResult result = played(device, options, &log);
+  const PlayResult result = touched_along(device, options, &log);
   EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
   EXPECT_EQ(result.session.gain_share, 1) << "a wall across the path is no vibration";
   for (const EventCode code : {EventCode::hand_resists, EventCode::hand_let_go, EventCode::force_resisted,
@@ -307,9 +308,9 @@ TEST(PlaybackWithAScene, RefusesToLearnAndUsesWhatWasLearnedWithoutIt) {
   lesson.session.touch = {};
   lesson.playback.repetitions = 2;
   SimDevice device(test::true_device());
-  options.learned = played(device, lesson).learned;
+  options.learned = touched_along(device, lesson).learned;
   options.learn = 0;
-  const PlayResult result = played(device, options);
+  const PlayResult result = touched_along(device, options);
   EXPECT_EQ(result.session.servo.cause, StopCause::finished) << result.session.servo.detail;
   EXPECT_TRUE(result.plan.composed.learning);
   EXPECT_TRUE(result.lessons.empty());
