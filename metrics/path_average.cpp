@@ -26,32 +26,123 @@ constexpr double kLongestPath = 360;                  // in diagonals of its box
 constexpr double kTangentWeight = 4.0 / (110 * 110);  // of a square of the diagonal
 constexpr double kChord = 3.0 / 110;                  // half length of the chord of a tangent, in diagonals
 constexpr double kShortest = 0.7, kLongest = 1.4;     // in lengths of the reference
+constexpr double kCoarse = 0.07;                      // of the low-pass for lengths: standard deviation, in diagonals
 constexpr double kCostlier = 3, kNear = 0.08, kFar = 0.12;  // see require_same_movement()
 constexpr double kSlow = 0.05, kBriefest = 0.1;             // of a pause: share of the median speed, and duration [s]
 
 /// A path at evenly spaced places.
 struct Shape {
   std::vector<Vec3> point, tangent;
+  std::vector<double> arc;  ///< of each point on the copy, with the noise of the copy [m]; a mean has none
   double length = 0;
 
   [[nodiscard]] std::size_t size() const noexcept { return point.size(); }
   [[nodiscard]] double spacing() const noexcept { return length / static_cast<double>(size() - 1); }
 };
 
-/// Sets the tangents to the directions of chords of 2 `chord` [m], which noise hardly turns.
-void set_tangents(Shape& shape, double chord) {
+/// Returns the direction of the chord of 2 `chord` [m] about point `i`.
+Vec3 direction_at(const Shape& shape, std::size_t i, double chord) {
   const auto reach = static_cast<std::size_t>(std::max(1.0, std::round(chord / shape.spacing())));
-  const std::size_t last = shape.size() - 1;
-  shape.tangent.resize(shape.size());
-  for (std::size_t i = 0; i <= last; ++i)
-    shape.tangent[i] =
-        (shape.point[std::min(i + reach, last)] - shape.point[i - std::min(i, reach)]).stableNormalized();
+  return (shape.point[std::min(i + reach, shape.size() - 1)] - shape.point[i - std::min(i, reach)]).stableNormalized();
 }
 
-Shape shape_of(const ArcPath& path, std::size_t points, double chord) {
-  Shape shape{.length = path.length()};
-  for (std::size_t i = 0; i < points; ++i)
-    shape.point.push_back(path.position_at(path.length() * static_cast<double>(i) / static_cast<double>(points - 1)));
+/// Sets the tangents to the directions of chords of 2 `chord` [m], which noise hardly turns.
+void set_tangents(Shape& shape, double chord) {
+  shape.tangent.resize(shape.size());
+  for (std::size_t i = 0; i < shape.size(); ++i) shape.tangent[i] = direction_at(shape, i, chord);
+}
+
+double length_of(const std::vector<Vec3>& points) noexcept {
+  double length = 0;
+  for (std::size_t i = 1; i < points.size(); ++i) length += (points[i] - points[i - 1]).norm();
+  return length;
+}
+
+/// Returns the points after a Gaussian low-pass with this standard deviation [points]. The ends stay, because the curve
+/// is continued by its reflection about them.
+std::vector<Vec3> smoothed(const std::vector<Vec3>& points, double sigma) {
+  const auto last = static_cast<std::ptrdiff_t>(points.size()) - 1, reach = std::min(std::lround(3 * sigma), last);
+  std::vector<double> weight;
+  for (std::ptrdiff_t k = 0; k <= reach; ++k)
+    weight.push_back(std::exp(-0.5 * std::pow(static_cast<double>(k) / sigma, 2)));
+  const double sum = 2 * std::accumulate(weight.begin(), weight.end(), 0.0) - weight[0];
+  const auto at = [&](std::ptrdiff_t i) -> Vec3 {
+    if (i < 0) return 2 * points.front() - points[static_cast<std::size_t>(-i)];
+    if (i > last) return 2 * points.back() - points[static_cast<std::size_t>(2 * last - i)];
+    return points[static_cast<std::size_t>(i)];
+  };
+  std::vector<Vec3> result(points.size());
+  for (std::ptrdiff_t i = 0; i <= last; ++i) {
+    Vec3 value = weight[0] * at(i);
+    for (std::ptrdiff_t k = 1; k <= reach; ++k) value += weight[static_cast<std::size_t>(k)] * (at(i - k) + at(i + k));
+    result[static_cast<std::size_t>(i)] = value / sum;
+  }
+  return result;
+}
+
+/// A copy without the noise that makes it longer.
+struct CleanCopy {
+  std::vector<Vec3> point;  ///< at places that are evenly spaced along the copy with its noise
+  double arc = 0;           ///< length of the copy with its noise [m]
+  double length = 0;        ///< [m]
+};
+
+/// Removes the noise of a copy at its own scale: by the narrowest of Gaussian low-passes along the arc length, each
+/// twice as wide as the one before, after which the next one shortens the copy by less than a sixth, and all of them by
+/// less than half. The widest has 3 % of the box, so that details of a path stay. An ordinary recording stays as it is.
+CleanCopy clean(const ArcPath& path) {
+  constexpr double kFiner = 8;  // than the points of a shape
+  constexpr double kStep = 1.2, kWhole = 2, kWidest = 0.03;
+  const auto parts = static_cast<std::size_t>(kFiner * std::clamp(kPointsPerDiagonal * path.length() / path.diagonal(),
+                                                                  double{kFewestPoints}, double{kMostPoints}));
+  CleanCopy copy{.arc = path.length()};
+  for (std::size_t i = 0; i <= parts; ++i)
+    copy.point.push_back(path.position_at(copy.arc * static_cast<double>(i) / static_cast<double>(parts)));
+  std::vector<std::vector<Vec3>> scales{std::move(copy.point)};
+  std::vector<double> lengths{length_of(scales.back())};
+  double before = 0;  // standard deviation of the low-pass so far [points]
+  for (double sigma = 2; sigma * lengths.back() <= kWidest * path.diagonal() * static_cast<double>(parts) &&
+                         3 * sigma < static_cast<double>(parts);
+       sigma *= 2) {
+    scales.push_back(smoothed(scales.back(), std::sqrt(sigma * sigma - before * before)));
+    lengths.push_back(length_of(scales.back()));
+    before = sigma;
+  }
+  std::size_t k = 0;
+  while (k + 1 < lengths.size() && (lengths[k] > kStep * lengths[k + 1] || lengths[k] > kWhole * lengths.back())) ++k;
+  copy.point = std::move(scales[k]);
+  copy.length = lengths[k];
+  return copy;
+}
+
+/// Returns the lengths of the copies after one low-pass of kCoarse for all [m]. Noise and tremor below this scale do
+/// not lengthen them.
+std::vector<double> coarse_lengths(std::span<const CleanCopy> copies, double diagonal) {
+  std::vector<double> lengths;
+  for (const CleanCopy& copy : copies) lengths.push_back(copy.length);
+  const double share = std::min(kCoarse * diagonal / median(lengths), 0.1);
+  for (std::size_t i = 0; i < copies.size(); ++i)
+    lengths[i] = length_of(smoothed(copies[i].point, share * static_cast<double>(copies[i].point.size())));
+  return lengths;
+}
+
+/// Returns `points` evenly spaced points of a copy.
+Shape shape_of(const CleanCopy& copy, std::size_t points, double chord) {
+  Shape shape{.length = copy.length};
+  const std::size_t parts = copy.point.size() - 1;
+  double before = 0;  // length up to the part
+  std::size_t part = 0;
+  for (std::size_t i = 0; i < points; ++i) {
+    const double s = copy.length * static_cast<double>(i) / static_cast<double>(points - 1);
+    double step = (copy.point[part + 1] - copy.point[part]).norm();
+    for (; before + step < s && part + 1 < parts; step = (copy.point[part + 1] - copy.point[part]).norm()) {
+      before += step;
+      ++part;
+    }
+    const double share = step > 0 ? std::clamp((s - before) / step, 0.0, 1.0) : 0;
+    shape.point.emplace_back(copy.point[part] + share * (copy.point[part + 1] - copy.point[part]));
+    shape.arc.push_back(copy.arc * (static_cast<double>(part) + share) / static_cast<double>(parts));
+  }
   set_tangents(shape, chord);
   return shape;
 }
@@ -163,11 +254,11 @@ double distance_of(const Shape& reference, const Shape& copy, const Warp& warp) 
   return std::sqrt(squares / static_cast<double>(reference.size()));
 }
 
-/// Returns the mean cosine of the angle between matched tangents.
-double agreement_of(const Shape& reference, const Shape& copy, const Warp& warp) {
+/// Returns the mean cosine of the angle between matched directions, over chords of 2 `chord` [m].
+double agreement_of(const Shape& reference, const Shape& copy, const Warp& warp, double chord) {
   double sum = 0;
   for (std::size_t i = 0; i < reference.size(); ++i)
-    sum += reference.tangent[i].dot(copy.tangent[static_cast<std::size_t>(warp.place[i])]);
+    sum += direction_at(reference, i, chord).dot(direction_at(copy, static_cast<std::size_t>(warp.place[i]), chord));
   return sum / static_cast<double>(reference.size());
 }
 
@@ -188,12 +279,13 @@ void require_length(const PathCopy& copy) {
     throw input_error(fmt::format("{}: does not move, so it has no path to average or to compare", copy.name));
 }
 
-void require_like_length(const PathCopy& copy, double length) {
-  const double ratio = copy.path->length() / length;
+/// `coarse` and `usual`: coarse lengths of the copy and of the others [m].
+void require_like_length(const std::string& name, const CleanCopy& copy, double coarse, double usual) {
+  const double ratio = coarse / usual;
   if (ratio >= kShortest && ratio <= kLongest) return;
-  throw other_movement(copy.name, fmt::format("It is {:.0f} mm long, {:.2f} times as long as the others, and {:g} to "
-                                              "{:g} times are accepted; it may have another number of laps",
-                                              1e3 * copy.path->length(), ratio, kShortest, kLongest));
+  throw other_movement(name, fmt::format("It is {:.0f} mm long, {:.2f} times as long as the others, and {:g} to "
+                                         "{:g} times are accepted; it may have another number of laps",
+                                         1e3 * copy.length, ratio, kShortest, kLongest));
 }
 
 /// Returns the median of the costs; of an even number the smaller middle one, so that one of two is not its own norm.
@@ -218,7 +310,7 @@ void require_same_shape(const Shape& reference, std::span<const PathCopy> copies
   // The worst copy is named first: the others may fail only because of it.
   const auto worst = static_cast<std::size_t>(std::max_element(costs.begin(), costs.end()) - costs.begin());
   const double distance = distance_of(reference, shapes[worst], warps[worst]);
-  const bool turned = agreement_of(reference, shapes[worst], warps[worst]) < 0.5;
+  const bool turned = agreement_of(reference, shapes[worst], warps[worst], kCoarse * diagonal) < 0.5;
   const bool outlier = costs[worst] > kCostlier * usual && distance > kNear * diagonal;
   if (!turned && !outlier && distance <= kFar * diagonal) return;
   std::string why = fmt::format("After alignment it is {:.1f} mm away (rms)", 1e3 * distance);
@@ -274,9 +366,9 @@ class MovingTime {
 /// Averages copies that show one movement.
 class Averaging {
  public:
-  Averaging(std::span<const PathCopy> copies, std::size_t points, double diagonal)
+  Averaging(std::span<const PathCopy> copies, std::span<const CleanCopy> cleaned, std::size_t points, double diagonal)
       : copies_(copies), diagonal_(diagonal), chord_(kChord * diagonal) {
-    for (const PathCopy& copy : copies_) shapes_.push_back(shape_of(*copy.path, points, chord_));
+    for (const CleanCopy& copy : cleaned) shapes_.push_back(shape_of(copy, points, chord_));
   }
 
   AveragedPath run(std::size_t medoid) {
@@ -290,6 +382,7 @@ class Averaging {
       mean_ = even(points, chord_);
     }
     align();
+    remove_noise();
     result_.medoid = medoid;
     result_.position = mean_.point;
     for (std::size_t i = 0; i < mean_.size(); ++i) result_.arc.push_back(mean_.spacing() * static_cast<double>(i));
@@ -307,9 +400,50 @@ class Averaging {
     for (const Shape& shape : shapes_) warps_.push_back(warp(mean_, shape, kTangentWeight * diagonal_ * diagonal_));
   }
 
-  /// Returns the arc length on copy `k` that matches point `i` of the mean [m].
-  [[nodiscard]] double matched(std::size_t k, std::size_t i) const noexcept {
-    return warps_[k].place[i] * shapes_[k].spacing();
+  /// Returns the share by which the noise that the mean still has makes it longer. If the deviations of the copies
+  /// from the mean turn them by d' = |dq/ds| across it, their noise is sqrt(n / (n - 1)) as large, and sqrt(n) times as
+  /// large as that of the mean.
+  [[nodiscard]] double excess() const noexcept {
+    double sum = 0;
+    for (std::size_t i = 1; i < mean_.size(); ++i) {
+      double squares = 0;
+      for (std::size_t k = 0; k < shapes_.size(); ++k) {
+        const Vec3 turn = (offset(k, i) - offset(k, i - 1)) / mean_.spacing();
+        squares += (turn - turn.dot(mean_.tangent[i]) * mean_.tangent[i]).squaredNorm();
+      }
+      const auto n = static_cast<double>(shapes_.size());
+      sum += std::sqrt(1 + squares / (n * (n - 1))) - 1;
+    }
+    return sum / static_cast<double>(mean_.size() - 1);
+  }
+
+  /// Returns the deviation of copy `k` from point `i` of the mean [m].
+  [[nodiscard]] Vec3 offset(std::size_t k, std::size_t i) const noexcept {
+    return between(shapes_[k].point, warps_[k].place[i]) - mean_.point[i];
+  }
+
+  /// Shortens the mean by what its noise added, with the narrowest low-pass that does so, at most 2 kChord wide.
+  void remove_noise() {
+    constexpr double kNegligible = 5e-4;
+    constexpr int kSteps = 12;
+    const double share = excess(), goal = mean_.length / (1 + share);
+    if (share < kNegligible) return;
+    double low = 0, high = 2 * chord_ / mean_.spacing();  // [points]
+    std::vector<Vec3> points;
+    for (int step = 0; step < kSteps; ++step) {
+      const double sigma = 0.5 * (low + high);
+      points = smoothed(mean_.point, sigma);
+      (length_of(points) > goal ? low : high) = sigma;
+    }
+    mean_ = even(points, chord_);
+    align();
+  }
+
+  /// Returns the arc length on copy `k` at a place of its shape [m].
+  [[nodiscard]] double arc_at(std::size_t k, double place) const noexcept {
+    const std::vector<double>& arc = shapes_[k].arc;
+    const auto i = std::min(static_cast<std::size_t>(place), arc.size() - 2);
+    return std::lerp(arc[i], arc[i + 1], place - static_cast<double>(i));
   }
 
   void add_force() {
@@ -318,9 +452,10 @@ class Averaging {
     for (std::size_t k = 0; k < shapes_.size(); ++k)
       for (std::size_t i = 0; i < mean_.size(); ++i)
         for (int part = 0; part < kParts; ++part) {
-          const double beside = ((part + 0.5) / kParts - 0.5) * shapes_[k].spacing();
+          const double beside = (part + 0.5) / kParts - 0.5;
+          const double place = std::clamp(warps_[k].place[i] + beside, 0.0, static_cast<double>(mean_.size() - 1));
           result_.force[i] +=
-              copies_[k].path->at(matched(k, i) + beside).force / (kParts * static_cast<double>(shapes_.size()));
+              copies_[k].path->at(arc_at(k, place)).force / (kParts * static_cast<double>(shapes_.size()));
         }
   }
 
@@ -333,9 +468,10 @@ class Averaging {
       std::vector<double> values;
       for (std::size_t k = 0; k < shapes_.size(); ++k) {
         constexpr double kReach = 2;  // [points]
-        const double h = kReach * shapes_[k].spacing(), s = matched(k, i);
-        const double from = std::max(s - h, 0.0), to = std::min(s + h, shapes_[k].length);
-        values.push_back((times[k].at(to) - times[k].at(from)) / (to - from) * shapes_[k].length / mean_.length);
+        const double place = warps_[k].place[i];
+        const double from = std::max(place - kReach, 0.0),
+                     to = std::min(place + kReach, static_cast<double>(mean_.size() - 1));
+        values.push_back((times[k].at(arc_at(k, to)) - times[k].at(arc_at(k, from))) / ((to - from) * mean_.spacing()));
       }
       pace[i] = median(std::move(values));
     }
@@ -355,8 +491,8 @@ class Averaging {
     const double end = 0.01 * mean_.length;
     for (std::size_t k = 0; k < times.size(); ++k)
       for (const MovingTime::Pause& pause : times[k].pauses()) {
-        const auto& place = warps_[k].place;
-        const auto i = std::lower_bound(place.begin(), place.end(), pause.s / shapes_[k].spacing()) - place.begin();
+        std::size_t i = 0;
+        while (i + 1 < mean_.size() && arc_at(k, warps_[k].place[i]) < pause.s) ++i;
         const double arc = mean_.spacing() * static_cast<double>(i);
         if (arc > end && arc < mean_.length - end) rests.push_back({arc, pause.duration, k});
       }
@@ -388,7 +524,7 @@ class Averaging {
       const Vec3 other = tangent.cross(side);
       double squares = 0;
       for (std::size_t k = 0; k < shapes_.size(); ++k) {
-        const Vec3 off = between(shapes_[k].point, warps_[k].place[i]) - mean_.point[i];
+        const Vec3 off = offset(k, i);
         const Eigen::Vector2d across(off.dot(side), off.dot(other));
         covariance += across * across.transpose();
         squares += across.squaredNorm();
@@ -439,23 +575,30 @@ double prediction_factor(std::size_t copies, double directions) {
 void require_same_movement(const PathCopy& reference, std::span<const PathCopy> copies) {
   require_length(reference);
   const double diagonal = reference.path->diagonal(), chord = kChord * diagonal;
-  std::vector<Shape> shapes;
+  std::vector<CleanCopy> cleaned{clean(*reference.path)};
   for (const PathCopy& copy : copies) {
     require_length(copy);
-    require_like_length(copy, reference.path->length());
-    shapes.push_back(shape_of(*copy.path, kFewestPoints, chord));
+    cleaned.push_back(clean(*copy.path));
   }
-  require_same_shape(shape_of(*reference.path, kFewestPoints, chord), copies, shapes, diagonal);
+  const std::vector<double> coarse = coarse_lengths(cleaned, diagonal);
+  std::vector<Shape> shapes;
+  for (std::size_t i = 0; i < copies.size(); ++i) {
+    require_like_length(copies[i].name, cleaned[i + 1], coarse[i + 1], coarse[0]);
+    shapes.push_back(shape_of(cleaned[i + 1], kFewestPoints, chord));
+  }
+  require_same_shape(shape_of(cleaned[0], kFewestPoints, chord), copies, shapes, diagonal);
 }
 
 AveragedPath average_paths(std::span<const PathCopy> copies) {
   if (copies.size() < 2)
     throw input_error(
         fmt::format("an average needs at least two recordings of the movement; there is {}", copies.size()));
+  std::vector<CleanCopy> cleaned;
   std::vector<double> lengths, diagonals;
   for (const PathCopy& copy : copies) {
     require_length(copy);
-    lengths.push_back(copy.path->length());
+    cleaned.push_back(clean(*copy.path));
+    lengths.push_back(cleaned.back().length);
     diagonals.push_back(copy.path->diagonal());
   }
   // With two copies, neither is the norm: each is compared with the other.
@@ -465,10 +608,11 @@ AveragedPath average_paths(std::span<const PathCopy> copies) {
         fmt::format("{}: its path of {:.4g} m is more than {:g} times as long as its box is wide ({:.4g} m), too long "
                     "to be averaged. Average one repetition, or a part of it",
                     copies.front().name, length, kLongestPath, diagonal));
+  const std::vector<double> coarse = coarse_lengths(cleaned, diagonal);
   std::vector<Shape> shapes;
-  for (const PathCopy& copy : copies) {
-    require_like_length(copy, typical(lengths));
-    shapes.push_back(shape_of(*copy.path, kFewestPoints, chord));
+  for (std::size_t i = 0; i < copies.size(); ++i) {
+    require_like_length(copies[i].name, cleaned[i], coarse[i], typical(coarse));
+    shapes.push_back(shape_of(cleaned[i], kFewestPoints, chord));
   }
   const std::size_t medoid = medoid_of(shapes, kTangentWeight * diagonal * diagonal);
   std::vector<PathCopy> others(copies.begin(), copies.end());
@@ -478,7 +622,7 @@ AveragedPath average_paths(std::span<const PathCopy> copies) {
   require_same_shape(shapes[medoid], others, other_shapes, diagonal);
   const auto points = static_cast<std::size_t>(
       std::ceil(std::clamp(kPointsPerDiagonal * length / diagonal, double{kFewestPoints}, double{kMostPoints})));
-  return Averaging(copies, points, diagonal).run(medoid);
+  return Averaging(copies, cleaned, points, diagonal).run(medoid);
 }
 
 }  // namespace haptrace

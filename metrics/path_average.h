@@ -46,9 +46,11 @@ struct AveragedPath {
 ///
 /// Method: dynamic time warping barycentre averaging (Petitjean, Ketterlin and Gancarski 2011, A global averaging
 /// method for dynamic time warping) over arc length instead of time. Every copy is sampled evenly along its length. The
-/// average starts as the medoid. In each of 8 rounds, every copy is warped onto the average, and the average becomes
-/// the mean of the matched points, sampled evenly again. A warp goes in steps (1, 1), (1, 2) and (2, 1), weighted by
-/// their mean length, and stays within 15 % of the length. Its cost at a pair of points is
+/// average starts as the medoid. Noise that makes a copy much longer is removed first, by a Gaussian low-pass along its
+/// length: the narrowest one after which wider ones, up to 3 % of the box, hardly shorten it. In each of 8
+/// rounds, every copy is warped onto the average, and the average becomes the mean of the matched points, sampled
+/// evenly again. A warp goes in steps (1, 1), (1, 2) and (2, 1), weighted by their mean length, and stays within 15 %
+/// of the length. Its cost at a pair of points is
 ///
 ///     |p - q|^2 + w (1 - cos angle of the tangents),   w = 4 mm^2 (diagonal of the box / 110 mm)^2.
 ///
@@ -62,7 +64,10 @@ struct AveragedPath {
 /// - the directions are (tr S)^2 / tr S^2 with the covariance S of the copies in the two directions across the path,
 ///   which follow it without turning about it (the effective number of dimensions).
 ///
-/// The mean of n copies with noise sigma keeps sigma / sqrt(n) of it. It also rounds a corner by about sigma.
+/// The mean of n copies with noise sigma keeps sigma / sqrt(n) of it, which would make it longer. If d_k' is the slope
+/// of copy k against the mean, across it, the mean is longer by the mean of sqrt(1 + sum_k |d_k'|^2 / (n (n - 1))) - 1.
+/// The narrowest Gaussian low-pass along the mean that takes away this length does so, at most 5 % of the box wide. The
+/// mean also rounds a corner by about sigma.
 ///
 /// Throws Error(input) naming the copy when there are fewer than two, when one has no length, and when one shows
 /// another movement, see require_same_movement(). Also throws when a path is more than 360 times as long as its box is
@@ -81,7 +86,8 @@ double prediction_factor(std::size_t copies, double directions);
 
 /// Throws Error(input) naming the copy that shows another movement than `reference`: another direction, another number
 /// of laps, or another path. Such a copy
-/// - is shorter than 0.7 or longer than 1.4 times the reference, or
+/// - is shorter than 0.7 or longer than 1.4 times the reference, both after a low-pass of 7 % of the box along their
+///   length, so that noise and tremor below that scale do not count, or
 /// - costs more than 3 times the median of the others' warps and lies farther away (rms) than 8 % of the reference's
 ///   box, or
 /// - lies farther away (rms) than 12 % of that box, or mostly runs in another direction, whatever the others are like.

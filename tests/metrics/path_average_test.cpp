@@ -43,6 +43,8 @@ Intended zigzag() {
 struct ExpertDraw {
   double sigma = kSigma;       ///< of the smooth noise in x and y [m]
   double depth = 0;            ///< of that in z [m]
+  double white = 0;            ///< rms of a sensor's noise in each axis, at 1 kHz [m]
+  double tremor = 0;           ///< rms of a tremor of 5 Hz along x + y + z [m]
   std::vector<double> pauses;  ///< where the experts pause, as shares of the length
   double scale = 1;            ///< of everything
   std::function<Vec3(double)> force = [](double) -> Vec3 { return Vec3::Zero(); };  ///< by share of the length [N]
@@ -74,6 +76,7 @@ PathCopy expert(const Intended& task, unsigned seed, const ExpertDraw& draw = {}
   const SmoothNoise x(random), y(random), pace(random);
   std::mt19937 another(seed + 1'000'000);
   const SmoothNoise z(another);
+  std::normal_distribution<double> sensor;
   std::uniform_real_distribution<double> jitter(-0.01, 0.01), rest(0.5, 1.5), mean_speed(0.04, 0.16);
   const double length = task.curve.length(), speed = mean_speed(random);
   std::vector<double> stops;
@@ -83,8 +86,10 @@ PathCopy expert(const Intended& task, unsigned seed, const ExpertDraw& draw = {}
   std::size_t stop = 0;
   for (double s = 0;; t += 1e-3) {
     const double place = std::min(s, length);
-    const Vec3 p =
-        task.curve.at(place) + Vec3(draw.sigma * x.at(place), draw.sigma * y.at(place), draw.depth * z.at(place));
+    Vec3 p = task.curve.at(place) + Vec3(draw.sigma * x.at(place), draw.sigma * y.at(place), draw.depth * z.at(place));
+    if (draw.white > 0) p += draw.white * Vec3(sensor(another), sensor(another), sensor(another));
+    if (draw.tremor > 0)
+      p += Vec3::Constant(draw.tremor * std::sqrt(2.0 / 3.0) * std::sin(2 * std::numbers::pi * 5 * t + seed));
     builder.add(t, draw.scale * p, draw.force(place / length));
     if (place >= length) break;
     if (stop < stops.size() && place >= stops[stop]) {
@@ -138,6 +143,69 @@ TEST(AveragedPaths, LieNearTheIntendedPathAndKeepItsLengthWhateverTheSpeedsAndPa
     EXPECT_GT(ratio, 0.93) << row.task.name;
     EXPECT_LT(ratio, 1.02) << row.task.name;
   }
+}
+
+/// Returns three rounds of a helix, 80 mm wide and 60 mm high.
+Intended helix() {
+  std::vector<Vec3> points;
+  for (int i = 0; i <= 3000; ++i) {
+    const double turn = 2 * std::numbers::pi * i / 1000;
+    points.emplace_back(0.04 * std::cos(turn), 0.04 * std::sin(turn), 2e-5 * i);
+  }
+  return {"helix", Polyline(points)};
+}
+
+/// Returns a trefoil knot, 90 mm wide and 30 mm high.
+Intended knot() {
+  std::vector<Vec3> points;
+  for (int i = 0; i <= 3000; ++i) {
+    const double q = 2 * std::numbers::pi * i / 3000;
+    points.emplace_back(0.015 * (std::sin(q) + 2 * std::sin(2 * q)), 0.015 * (std::cos(q) - 2 * std::cos(2 * q)),
+                        -0.015 * std::sin(3 * q));
+  }
+  return {"knot", Polyline(points)};
+}
+
+TEST(AveragedPaths, AreAsLongAsTheIntendedPathInSpace) {
+  constexpr unsigned kDraws = 12;
+  for (const Intended& task : {helix(), knot()})
+    for (const double sigma : {5e-4, 1e-3, 2e-3}) {
+      double ratio = 0;
+      for (unsigned draw = 0; draw < kDraws; ++draw)
+        ratio += average_paths(experts(task, 5, {.sigma = sigma, .depth = sigma}, 100 * draw + 1)).arc.back() /
+                 task.curve.length() / kDraws;
+      RecordProperty(fmt::format("{}_{}_length", task.name, 1e3 * sigma), fmt::format("{:.4f}", ratio));
+      EXPECT_NEAR(ratio, 1, 5e-3) << task.name << " with a noise of " << sigma << " m";
+    }
+}
+
+TEST(AveragedPaths, AcceptACopyWhoseNoiseMakesItMuchLongerAndKeepTheirLength) {
+  struct Row {
+    const char* name;
+    ExpertDraw draw;
+    double longer;   ///< than the intended path, at least
+    double of_five;  ///< largest error of the length of five such copies
+  };
+  for (const Intended& task : {helix(), knot()})
+    for (const Row& row : {Row{"white noise of 1 mm", {.sigma = 0, .white = 1e-3}, 10, 0.01},
+                           Row{"white noise of 0.2 mm", {.sigma = 0, .white = 2e-4}, 2, 0.005},
+                           Row{"a tremor of 3 mm", {.sigma = 0, .tremor = 3e-3}, 1.4, 0.15}}) {
+      SCOPED_TRACE(fmt::format("{} with {}", task.name, row.name));
+      std::vector<PathCopy> copies = experts(task, 2, {.sigma = 0});
+      copies.push_back(expert(task, 3, row.draw));
+      EXPECT_GT(copies.back().path->length(), row.longer * task.curve.length());
+      AveragedPath average;
+      ASSERT_EQ(error_of([&] { average = average_paths(copies); }), "no error");
+      RecordProperty(fmt::format("{} {} one", task.name, row.name),
+                     fmt::format("{:.4f}", average.arc.back() / task.curve.length()));
+      EXPECT_NEAR(average.arc.back() / task.curve.length(), 1, 0.03);
+      ASSERT_EQ(error_of([&] { average = average_paths(experts(task, 5, row.draw)); }), "no error");
+      RecordProperty(fmt::format("{} {} five", task.name, row.name),
+                     fmt::format("{:.4f}", average.arc.back() / task.curve.length()));
+      EXPECT_NEAR(average.arc.back() / task.curve.length(), 1, row.of_five);
+      EXPECT_LT(bias(average, task.curve), 2e-3);
+      EXPECT_EQ(error_of([&] { require_same_movement(copies[0], std::span(copies).subspan(2)); }), "no error");
+    }
 }
 
 TEST(AveragedPaths, KnowWhetherTheCopiesDifferInAPlaneOrInSpaceAndHoldTheNextOneInBoth) {
