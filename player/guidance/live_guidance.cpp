@@ -160,8 +160,7 @@ void LiveGuidance::begin(Scope scope, std::size_t exercise) {
   scope_ = std::move(scope);
   exercise_ = exercise;
   wanted_ = scope_->start;
-  for (const Quantity& one : all())
-    if (const auto value = changed_[exercise].*one.changed) wanted_.*one.value = *value;
+  change_as_asked(wanted_, exercise);
   wanted_.stiffness = std::min(wanted_.stiffness, scope_->largest_stiffness);
   post();
 }
@@ -172,10 +171,18 @@ void LiveGuidance::begin_unguided(std::string name) {
   unguided_ = std::move(name);
 }
 
-std::optional<double> LiveGuidance::assist_of(std::size_t exercise) const {
-  const std::lock_guard lock(mutex());
+void LiveGuidance::change_as_asked(GuidanceValues& values, std::size_t exercise) const {
   const auto found = changed_.find(exercise);
-  return found != changed_.end() ? found->second.assist : std::nullopt;
+  if (found == changed_.end()) return;
+  for (const Quantity& one : all())
+    if (const auto value = found->second.*one.changed) values.*one.value = *value;
+}
+
+GuidanceValues LiveGuidance::next(std::size_t exercise, const GuidanceValues& start) const {
+  const std::lock_guard lock(mutex());
+  GuidanceValues values = start;
+  change_as_asked(values, exercise);
+  return values;
 }
 
 GuidanceValues LiveGuidance::wanted() const {

@@ -58,8 +58,8 @@ class LiveGuidance final : public LiveSession {
   /// Begins a session without guidance, such as a passive exercise.
   void begin_unguided(std::string name);
 
-  /// Returns the share of the help that a command set for an exercise.
-  [[nodiscard]] std::optional<double> assist_of(std::size_t exercise) const;
+  /// Returns the values of the next repetition of an exercise: `start`, or what commands set.
+  [[nodiscard]] GuidanceValues next(std::size_t exercise, const GuidanceValues& start) const;
   /// Returns the requested values. mailbox() holds the newest ones, relative to those composed, for the servo loop.
   [[nodiscard]] GuidanceValues wanted() const;
   [[nodiscard]] Mailbox<GuideTuning>& mailbox() noexcept { return mailbox_; }
@@ -77,6 +77,8 @@ class LiveGuidance final : public LiveSession {
   [[nodiscard]] double parsed(const Quantity& quantity, Words values) const;
   [[nodiscard]] std::string value_text(const Quantity& quantity, double value) const;
   void post();
+  /// Replaces values by those that commands set in an exercise. Needs the mutex.
+  void change_as_asked(GuidanceValues& values, std::size_t exercise) const;
 
   [[nodiscard]] const std::vector<std::string>& quantities() const override;
   [[nodiscard]] std::string help() const override;

@@ -390,7 +390,7 @@ class ProgrammeRun {
       // Asked for in the rest or the pause.
       if (i > 0 && options_.live != nullptr && options_.live->take_repeat()) repeat(trials, i - 1);
       if (options_.announces) options_.announces(training_trial(trials, i));
-      if (options_.begins) options_.begins(trials[i], states_[trials[i].exercise].settings(), i + 1, trials.size());
+      if (options_.begins) options_.begins(trials[i], next_settings(trials[i].exercise), i + 1, trials.size());
       const SessionResult& session = run_trial(trials[i]);
       if (options_.ended) options_.ended(log().trials.back());
       const bool skipped = log().trials.back().skipped();
@@ -520,6 +520,19 @@ class ProgrammeRun {
     return trial.sense ? movement_file(path, trial.sense->pair) : path;
   }
 
+  /// Returns the settings with which the next repetition of exercise `i` begins, with what commands changed.
+  [[nodiscard]] TrialSettings next_settings(std::size_t i) const {
+    TrialSettings settings = states_[i].settings();
+    if (options_.live == nullptr) return settings;
+    const double force = programme_.exercise(i).force_scale;
+    const GuidanceValues values =
+        options_.live->next(i, {.radius = settings.radius, .force = force, .assist = settings.assistance});
+    settings.radius = values.radius;
+    settings.assistance = values.assist;
+    if (!paths_[i].force.empty() && values.force != force) settings.force_scale = values.force;
+    return settings;
+  }
+
   /// Returns a trial that is about to run, with its settings and the name of its file.
   LoggedTrial prepared(const ScheduledTrial& scheduled) {
     const std::size_t i = scheduled.exercise;
@@ -532,8 +545,7 @@ class ProgrammeRun {
     if (programme_.exercise(i).reach) place_reach(scheduled, trial);
     trial.sense = scheduled.sense;
     support_arm(trial);
-    const std::optional<double> helped = options_.live != nullptr ? options_.live->assist_of(i) : std::nullopt;
-    if (helped) trial.settings.assistance = *helped;
+    trial.settings.assistance = next_settings(i).assistance;
     name_attempt(scheduled, trial);
     return trial;
   }
@@ -596,6 +608,7 @@ class ProgrammeRun {
   void log_settings(LoggedTrial& trial, const TrialRun& run) const {
     const Exercise& exercise = programme_.exercise(trial.exercise);
     if (trial.settings.support) trial.settings.support = run.session.support;
+    if (options_.live != nullptr && options_.live->support()) trial.settings.support = options_.live->support();
     if (exercise.mode == ExerciseMode::passive || exercise.reach) return;
     trial.settings.stiffness = run.stiffness;
     if (options_.live != nullptr) note_changes(trial.exercise, run, trial.settings);
@@ -676,6 +689,11 @@ class ProgrammeRun {
     SessionOptions session = options_.session;
     session.loop.motors = &motors_;
     if (trial.settings.support) session.support = {.force = *trial.settings.support, .up = programme_.up};
+    if (options_.live != nullptr) {
+      const auto support = live_support(device, session);
+      const double force = options_.live->begin_support(support, trial.exercise);
+      if (support) session.support = {.force = force, .up = programme_.up, .changes = true};
+    }
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =

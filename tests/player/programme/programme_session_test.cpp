@@ -599,6 +599,53 @@ TEST_F(ProgrammeSession, KeepsAChangedTunnelForTheExerciseAndLogsIt) {
   EXPECT_EQ(live.history()["changes"][0]["recording"], log.trials[0].file);
 }
 
+TEST_F(ProgrammeSession, KeepsAChangedSupportForTheExerciseAndLogsIt) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::string answer;
+  options_.ended = [&](const LoggedTrial& trial) {
+    if (trial.exercise == 0 && trial.repetition == 1) answer = live.obey("support 0.6");
+  };
+  const SessionLog log = run(programme_of({R"("mode": "tunnel", "support": 1, "repetitions": 2)",
+                                           R"("mode": "free", "support": 1)", R"("mode": "free")"}))
+                             .log;
+  EXPECT_EQ(answer, "ok support 0.6");
+  ASSERT_EQ(log.trials.size(), 4U);
+  EXPECT_EQ(log.trials[0].settings.support, 1) << "the change came after it";
+  EXPECT_EQ(log.trials[1].settings.support, 0.6);
+  EXPECT_EQ(RecordingReader(file(log.trials[1].file)).header().config["support"], 0.6);
+  EXPECT_EQ(log.trials[2].settings.support, 1) << "another exercise";
+  EXPECT_EQ(log.trials[3].settings.support, std::nullopt);
+}
+
+TEST_F(ProgrammeSession, AnnouncesTheValuesThatCommandsSetAndNotThoseOfTheProgramme) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::vector<TrialSettings> announced;
+  options_.begins = [&](const ScheduledTrial&, const TrialSettings& settings, std::size_t, std::size_t) {
+    announced.push_back(settings);
+  };
+  options_.ended = [&](const LoggedTrial& trial) {
+    if (trial.exercise > 0) return;
+    EXPECT_EQ(live.obey("radius 8mm"), "ok radius 8mm");
+    EXPECT_EQ(live.obey("assist 0.4"), "ok assist 0.4");
+    if (trial.repetition == 2) {
+      EXPECT_THAT(live.obey("reset"), testing::StartsWith("ok reset"));
+    }
+  };
+  EXPECT_TRUE(run(programme_of({R"("mode": "assisted", "radius": 0.005, "repetitions": 3)",
+                                R"("mode": "assisted", "radius": 0.005)"}))
+                  .log.complete);
+  ASSERT_EQ(announced.size(), 4U);
+  EXPECT_EQ(announced[0].radius, 0.005);
+  EXPECT_EQ(announced[0].assistance, 1);
+  EXPECT_EQ(announced[1].radius, 0.008);
+  EXPECT_EQ(announced[1].assistance, 0.4);
+  EXPECT_EQ(announced[2].radius, 0.005) << "after a reset";
+  EXPECT_EQ(announced[3].radius, 0.005) << "another exercise";
+  EXPECT_EQ(announced[3].assistance, 1);
+}
+
 TEST_F(ProgrammeSession, LogsWhatEachRepetitionShowedAndAnnouncesIt) {
   std::vector<TrainingTrial> announced;
   options_.announces = [&](const TrainingTrial& trial) { announced.push_back(trial); };
