@@ -3,6 +3,7 @@
 #include "base/enum_names.h"
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/statistics.h"
 #include "base/suggest.h"
 #include "control/back_wall.h"
 #include "control/guidance.h"
@@ -26,6 +27,7 @@
 #include "player/tuning/live_session.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -298,6 +300,25 @@ void plan_walls(const DeviceInfo& device, const GuideOptions& options, GuidePlan
         plan.stiffness, bears, options.session.loop.rate_hz));
 }
 
+/// Returns the force that acts on three quarters of a path, by length, within 15 % of its size and direction [N]; 0
+/// if there is none, or hardly any.
+double steady_force(const ArcPath& path) {
+  constexpr std::size_t kPlaces = 200;
+  constexpr double kLeast = 0.1, kOff = 0.15, kMost = 0.75;
+  std::array<std::vector<double>, 3> parts;
+  for (std::size_t i = 0; i < kPlaces; ++i) {
+    const Vec3 force = path.at(path.length() * (static_cast<double>(i) + 0.5) / kPlaces).force;
+    for (int axis = 0; axis < 3; ++axis) parts[static_cast<std::size_t>(axis)].push_back(force[axis]);
+  }
+  const Vec3 usual(median(parts[0]), median(parts[1]), median(parts[2]));
+  const double size = usual.norm();
+  if (!(size >= kLeast)) return 0;
+  std::size_t steady = 0;
+  for (std::size_t i = 0; i < kPlaces; ++i)
+    if ((Vec3(parts[0][i], parts[1][i], parts[2][i]) - usual).norm() <= kOff * size) ++steady;
+  return static_cast<double>(steady) >= kMost * kPlaces ? size : 0;
+}
+
 /// Adds notes and warnings on the expert's forces that the trainee does not feel. `feels_contacts`: the trainee touches
 /// the scene with which the expert was recorded.
 void note_forces(const PathFacts& expert, bool feels_contacts, const GuideOptions& options, GuidePlan& plan) {
@@ -309,6 +330,12 @@ void note_forces(const PathFacts& expert, bool feels_contacts, const GuideOption
                     expert.name));
   else if (!plan.has_forces)
     plan.notes.push_back(fmt::format("{} contains no forces: the trainee feels only the walls", expert.name));
+  if (plan.has_forces)
+    if (const double steady = steady_force(*plan.path); steady > 0)
+      plan.warnings.push_back(fmt::format(
+          "{}: the force hardly changes, {:.2g} N in one direction on most of the path. If it is the weight "
+          "of a sensor or the support of an arm, it pushes the trainee: leave it out with --force-scale 0",
+          expert.name, steady));
   if (plan.has_forces && has_no_force(*plan.path))
     (options.force_expected || expert.measured ? plan.warnings : plan.notes)
         .push_back(fmt::format("{}: all forces are zero; the trainee feels only the walls", expert.name));

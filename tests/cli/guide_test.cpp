@@ -66,6 +66,22 @@ TEST(GuideCommand, HelpsATraineeWhoDoesNotStartAndCountsWhatIsDoneInPart) {
   EXPECT_EQ(json["expert_force"], "sent");
 }
 
+TEST(GuideCommand, WarnsOfAForceThatHardlyChangesAlongThePath) {
+  const TempFolder folder;
+  const auto errors = [&](bool steady) {
+    std::string csv = "t,x,y,z,fx,fy,fz\n";
+    for (int i = 0; i <= 100; ++i)
+      csv += fmt::format("{},{},0,0,{},0,{}\n", 0.02 * i, 0.0005 * i - 0.025, steady ? 0 : std::sin(0.1 * i),
+                         steady ? (i < 15 ? -0.09 * i : -1.35) : 0.1);
+    return haptrace("guide", folder.write(steady ? "weight.csv" : "task.csv", csv), "--device",
+                    "sim:preset=falcon,hand=firm", "--time-limit", "1")
+        .err;
+  };
+  EXPECT_THAT(errors(true), AllOf(HasSubstr("weight.csv: the force hardly changes, 1.4 N in one direction"),
+                                  HasSubstr("--force-scale 0")));
+  EXPECT_THAT(errors(false), Not(HasSubstr("hardly changes")));
+}
+
 TEST(GuideCommand, TakesATunnelThatChangesAlongThePath) {
   const TempFolder folder;
   const std::string path = expert(folder), out = folder / "out.h5", csv = folder / "out.csv";
