@@ -597,8 +597,10 @@ Path load_expert(const Exercise& exercise, const std::filesystem::path& folder) 
   const ExpertRecording expert = open_expert((folder / exercise.path).string(), options);
   Path path = expert.path->read(0, expert.path->facts().rows);
   path.notes = expert.path->facts().notes;
+  const std::string named = path.name + ": ";  // notes of a path do not name it
   for (const auto* texts : {&expert.warnings, &expert.notes})
-    path.notes.insert(path.notes.end(), texts->begin(), texts->end());
+    for (const std::string& text : *texts)
+      path.notes.push_back(text.starts_with(named) ? text.substr(named.size()) : text);
   return path;
 }
 
