@@ -15,10 +15,12 @@
 #include "player/calibration/device_identity.h"
 #include "player/programme/programme_session.h"
 #include "player/programme/training_screen.h"
+#include "player/supporting_controller.h"
 
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <set>
 #include <unistd.h>
 
 namespace haptrace::cli {
@@ -415,6 +417,18 @@ void note_device(const RunArguments& arguments, const Programme& programme, cons
   if (asks && device.virtual_time && arguments.session.clock != "real")
     output.warn({Severity::warning, "plan", kNaN,
                  "in virtual time a question does not wait for an answer: add --clock real to answer"});
+/// Prints the warnings about the supports of the arm that a real run of the programme would have on the device. The
+/// weight of an arm, and so a share of it, is not known yet.
+void note_supports(const Programme& programme, const DeviceInfo& device, SessionOptions session, const Output& output) {
+  std::set<std::string> printed;
+  for (std::size_t i = 0; i < programme.size(); ++i) {
+    session.support = {.force = support_of(programme, i).force, .up = programme.up};
+    if (session.support.force == 0) continue;
+    for (const std::string& text : plan_support(device, session).warnings)
+      if (printed.insert(text).second) output.warn({Severity::warning, "support", kNaN, text});
+  }
+}
+
 }
 
 /// Returns the device's profile. The profile from the start of a session applies to all of it.
@@ -465,6 +479,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   ProgrammeOptions options{
       .folder = folder,
       .session = arguments.session.options((fs::path(folder) / "trial.h5").string(), shared_config(verb)),
+    if (device) note_supports(programme, *device, arguments.session.options("", {}), output);
       .max_deviation = arguments.max_deviation,
       .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
         return devices.open(exercise, settings, path);
