@@ -125,6 +125,9 @@ std::string continuous_limit_text(const EventValues& v) {
 }
 
 std::string deviation_over_text(const EventValues& v) {
+  if (v[2] == 2)
+    return fmt::format("the lock gave way: it was pressed off by {:.1f} mm, and it holds up to {:.1f} mm", 1e3 * v[0],
+                       1e3 * v[1]);
   if (std::isfinite(v[2]))
     return fmt::format("the clamp went off: the hand was {:.1f} mm off, the limit is {:.1f} mm", 1e3 * v[0],
                        1e3 * v[1]);

@@ -186,7 +186,8 @@ void ReachController::watch_forces(const State& state, Command& command) noexcep
   if (command.event) return;
   if (forces_.broken() && !std::exchange(told_broken_, true)) {
     const double off = norm_of(forces_.off(state.position - geometry_.start));
-    command.event = Event{.code = EventCode::deviation_over, .values = {off, forces_.options().clamp->break_out, 1}};
+    command.event = Event{.code = EventCode::deviation_over,
+                          .values = {off, forces_.options().clamp->break_out, is_held(goal_) ? 2.0 : 1.0}};
     return;
   }
   const double share = forces_.options().clamp ? 1 : forces_.tank().share();

@@ -298,7 +298,7 @@ TEST(WeighAssessment, IsALowerBoundForAnArmThatIsTooHeavyAndNoResultForOneThatDo
   EXPECT_THAT(heavy.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over))
       << "the lock gives way, and spoils the trial";
   RecordedTrial spoiled = heavy.recorded;
-  spoiled.spoiled = "the clamp went off";
+  spoiled.spoiled = "the lock gave way";
   const WeighFigures bound = trial_figures(spoiled, std::nullopt).weigh.value_or(WeighFigures{});
   EXPECT_TRUE(bound.at_limit);
   EXPECT_EQ(bound.refused, "");
