@@ -37,13 +37,11 @@ RecordOptions options_of(const RecordArguments& arguments, const CLI::App& verb)
   return options;
 }
 
-/// Opens the device for one trial, with --fit and, if --seed was given, a seed of its own.
+/// Opens the device for one trial, with --fit and a seed of its own.
 std::unique_ptr<Device> open_for(const RecordArguments& arguments, int trial) {
-  SessionArguments session = arguments.session;
-  if (session.seed) *session.seed += static_cast<std::uint64_t>(trial - 1);
   std::vector<std::pair<std::string, std::string>> extra;
   if (arguments.fit) extra.emplace_back("fit", "true");
-  return session.open(extra);
+  return arguments.session.open(extra, static_cast<std::uint64_t>(trial - 1));
 }
 
 nlohmann::json json_of_trials(const std::vector<SessionResult>& results, const RecordArguments& arguments) {

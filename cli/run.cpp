@@ -201,7 +201,7 @@ std::string folder_of(const std::string& programme) {
 /// Opens devices for trials: one for all trials, or one per trial if the device description has a place for the path.
 class TrialDevices {
  public:
-  /// `opened` is the number of devices opened in earlier sittings.
+  /// `opened` is the number of repetitions in earlier sittings.
   TrialDevices(const SessionArguments& session, std::size_t opened, const std::string& folder)
       : session_(session), mark_(session.device.find(kPathMark)), opened_(opened) {
     if (mark_ != std::string::npos && folder.find(',') != std::string::npos)
@@ -228,20 +228,25 @@ class TrialDevices {
 
  private:
   std::shared_ptr<Device> shared() {
-    if (!device_) device_ = session_.open();
+    if (!device_) device_ = session_.open({}, opened_);  // in a later sitting another seed
     return device_;
   }
 
   /// Adds an option to the description, so that the recording contains it. An existing option takes precedence.
-  static void add_option(std::string& description, const char* key, double value) {
+  template <class Number>
+  static void add_option(std::string& description, const char* key, Number value) {
     if (DeviceSpec::parse(description).options.contains(key)) return;
     description += fmt::format("{}{}={}", description.find(':') == std::string::npos ? ':' : ',', key, value);
   }
 
   std::shared_ptr<Device> open_with(std::string description) {
     SessionArguments own = session_;
-    // No real hand does the same in every repetition, so each gets another seed.
-    add_option(description, "seed", static_cast<double>(session_.seed.value_or(1) + opened_++));
+    // No real hand does the same in every repetition, so each gets another seed, which its recording contains.
+    const std::uint64_t seed = session_.first_seed() + opened_++;
+    for (const char* given : {":seed=", ",seed="})
+      if (const std::size_t at = description.find(given); at != std::string::npos)
+        description = without_option(std::move(description), at + 1);
+    add_option(description, "seed", seed);
     own.device = std::move(description);
     own.seed.reset();
     device_.reset();
@@ -250,11 +255,15 @@ class TrialDevices {
 
   /// Returns the description without the option that takes the path.
   [[nodiscard]] std::string without_path() const {
-    std::string description = session_.device;
-    const std::size_t begin = description.find_last_of(",:", mark_), end = description.find(',', mark_);
-    if (begin == std::string::npos)
-      throw input_error(fmt::format("--device {}: {} must be the value of an option, as in intent={}", description,
+    if (session_.device.find_last_of(",:", mark_) == std::string::npos)
+      throw input_error(fmt::format("--device {}: {} must be the value of an option, as in intent={}", session_.device,
                                     kPathMark, kPathMark));
+    return without_option(session_.device, mark_);
+  }
+
+  /// Returns the description without the option that contains the character at `within`.
+  static std::string without_option(std::string description, std::size_t within) {
+    const std::size_t begin = description.find_last_of(",:", within), end = description.find(',', within);
     const bool first = description[begin] == ':';
     description.erase(begin, end == std::string::npos ? end : end - begin);
     if (first && end != std::string::npos) description[begin] = ':';
@@ -408,15 +417,6 @@ ProgrammePlan noted_plan(const RunArguments& arguments, const Programme& program
   return plan;
 }
 
-/// Prints the notes of the device, and a warning if its time does not wait for answers to the programme's questions.
-void note_device(const RunArguments& arguments, const Programme& programme, const DeviceInfo& device,
-                 const Output& output) {
-  for (const std::string& note : device.notes) output.remark(note);
-  bool asks = false;
-  for (std::size_t i = 0; i < programme.size(); ++i) asks |= programme.exercise(i).sense.has_value();
-  if (asks && device.virtual_time && arguments.session.clock != "real")
-    output.warn({Severity::warning, "plan", kNaN,
-                 "in virtual time a question does not wait for an answer: add --clock real to answer"});
 /// Prints the warnings about the supports of the arm that a real run of the programme would have on the device. The
 /// weight of an arm, and so a share of it, is not known yet.
 void note_supports(const Programme& programme, const DeviceInfo& device, SessionOptions session, const Output& output) {
@@ -429,6 +429,15 @@ void note_supports(const Programme& programme, const DeviceInfo& device, Session
   }
 }
 
+/// Prints the notes of the device, and a warning if its time does not wait for answers to the programme's questions.
+void note_device(const RunArguments& arguments, const Programme& programme, const DeviceInfo& device,
+                 const Output& output) {
+  for (const std::string& note : device.notes) output.remark(note);
+  bool asks = false;
+  for (std::size_t i = 0; i < programme.size(); ++i) asks |= programme.exercise(i).sense.has_value();
+  if (asks && device.virtual_time && arguments.session.clock != "real")
+    output.warn({Severity::warning, "plan", kNaN,
+                 "in virtual time a question does not wait for an answer: add --clock real to answer"});
 }
 
 /// Returns the device's profile. The profile from the start of a session applies to all of it.
@@ -470,6 +479,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   std::optional<ProgrammePlan> plan;
   if (!resumes) plan = noted_plan(arguments, programme, device, output);
   if (arguments.dry_run) {
+    if (device) note_supports(programme, *device, arguments.session.options("", {}), output);
     output.tell(to_json(*plan, programme), plan_text(programme, *plan));
     return kDone;
   }
@@ -479,7 +489,6 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   ProgrammeOptions options{
       .folder = folder,
       .session = arguments.session.options((fs::path(folder) / "trial.h5").string(), shared_config(verb)),
-    if (device) note_supports(programme, *device, arguments.session.options("", {}), output);
       .max_deviation = arguments.max_deviation,
       .open = [&](const Exercise& exercise, const TrialSettings& settings, const std::string& path) {
         return devices.open(exercise, settings, path);

@@ -21,6 +21,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
+#include <limits>
 #include <set>
 #include <unistd.h>
 
@@ -225,18 +226,26 @@ void SessionArguments::add_support_to(CLI::App& app) {
       ->group("Arm");
 }
 
-std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::string, std::string>>& extra) const {
+std::uint64_t SessionArguments::first_seed() const {
+  return DeviceSpec::parse(device).number<std::uint64_t>("seed", 0, std::numeric_limits<std::uint64_t>::max(),
+                                                         seed.value_or(1));
+}
+
+std::unique_ptr<Device> SessionArguments::open(const std::vector<std::pair<std::string, std::string>>& extra,
+                                               std::uint64_t number) const {
   DeviceSpec spec = DeviceSpec::parse(device);
   const auto& backends = device_backends();
   const auto backend =
       std::find_if(backends.begin(), backends.end(), [&](const auto& b) { return b.name == spec.name; });
+  const auto known = [&](const std::string& key) {
+    if (backend == backends.end()) return false;  // open_device reports the error
+    return std::ranges::any_of(backend->options, [&](const auto& o) { return o.key == key; });
+  };
   const auto put = [&](const std::string& key, const std::string& value) {
-    if (backend == backends.end()) return;  // open_device reports the error
-    const auto& known = backend->options;
-    if (std::any_of(known.begin(), known.end(), [&](const auto& o) { return o.key == key; }))
-      spec.options.emplace(key, value);
+    if (known(key)) spec.options.emplace(key, value);
   };
   if (seed) put("seed", std::to_string(*seed));
+  if (number > 0 && known("seed")) spec.options["seed"] = std::to_string(first_seed() + number);
   for (const auto& [key, value] : extra) put(key, value);
   if (wait_for_device > 0) return std::make_unique<RecoveringDevice>([spec] { return open_device(spec); });
   return open_device(spec);

@@ -104,7 +104,12 @@ struct SessionArguments {
 
   /// Opens the device. Adds --seed and the `extra` options to its description if its backend has these options. With
   /// wait_for_device, reopens the device whenever it is lost.
-  [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {}) const;
+  /// `number` counts the devices that a session opens one after another, from 0: each simulated one has another seed,
+  /// because no hand does the same twice, and the session repeats with its first seed.
+  [[nodiscard]] std::unique_ptr<Device> open(const std::vector<std::pair<std::string, std::string>>& extra = {},
+                                             std::uint64_t number = 0) const;
+  /// Returns the seed of the first device: that of --device, of --seed, or 1.
+  [[nodiscard]] std::uint64_t first_seed() const;
 
   /// Returns the options of a session; without a `file`, it is not recorded. Throws Error(input) naming the option.
   [[nodiscard]] SessionOptions options(const std::string& file, const nlohmann::json& config) const;

@@ -83,6 +83,24 @@ TEST(Capture, RecordsTrialAfterTrialIntoNumberedFiles) {
   }
 }
 
+TEST(Capture, RecordsTrialsOfASimulatedHandThatDifferAndRepeatsThemAsASeries) {
+  const TempFolder folder;
+  const std::string hand = moving_hand(folder);
+  const auto movement = [&](const std::string& name, int trial) {
+    std::vector<double> heights;
+    for (const Sample& sample : RecordingReader(folder / (name + "-00" + std::to_string(trial) + ".h5")).read(0, 500))
+      heights.push_back(sample.position.y());
+    return heights;
+  };
+  for (const char* name : {"first", "again"})
+    ASSERT_EQ(
+        haptrace("record", folder / (std::string(name) + ".h5"), "--device", hand, "--count", "2", "--duration", "0.5")
+            .exit_code,
+        0);
+  EXPECT_NE(movement("first", 1), movement("first", 2)) << "no hand does the same twice";
+  for (const int trial : {1, 2}) EXPECT_EQ(movement("first", trial), movement("again", trial));
+}
+
 TEST(Capture, RejectsTrialsIfOneFileExists) {
   const TempFolder folder;
   const std::string there = folder.write("reach-002.h5", "mine");

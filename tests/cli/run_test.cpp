@@ -259,6 +259,61 @@ TEST(RunCommand, PausesAndResumesByAKey) {
   EXPECT_EQ(load_session_log(folder / "s").trials.size(), 2U);
 }
 
+TEST(RunCommand, GivesASimulatedHandNewNoiseInEveryRepetitionAndSitting) {
+  const TempFolder folder;
+  const std::string file = programme(folder, "cursor", 2);
+  const auto places = [&](const std::string& session) {
+    std::vector<std::vector<double>> repetitions;
+    for (const LoggedTrial& trial : load_session_log(folder / session).trials) {
+      repetitions.emplace_back();
+      for (const Sample& sample : RecordingReader(folder / (session + "/" + trial.file)).read(0, 500))
+        repetitions.back().push_back(sample.position.y());
+    }
+    return repetitions;
+  };
+  for (const char* session : {"first", "again"})
+    ASSERT_EQ(haptrace("run", file, "--device", kTrainee + ",seed=7", "-o", folder / session, "-q").exit_code, 0);
+  const auto first = places("first");
+  ASSERT_EQ(first.size(), 2U);
+  EXPECT_NE(first[0], first[1]) << "also with a seed in the description of the device";
+  EXPECT_EQ(first, places("again"));
+}
+
+TEST(RunCommand, WarnsOfASupportThatTheDeviceLimitsInADryRunToo) {
+  const TempFolder folder;
+  nlohmann::json json = load_json(programme(folder));
+  json["support"] = 3;
+  const std::string file = folder.write("supported.json", json.dump());
+  const auto errors = [&](const std::string& limit) {
+    const Answer answer =
+        haptrace("run", file, "--dry-run", "--device", "sim:preset=omega3,hand=relaxed", "--max-force", limit);
+    EXPECT_EQ(answer.exit_code, 0) << answer.err;
+    return answer.err;
+  };
+  EXPECT_THAT(errors("2"), HasSubstr("the arm is supported with 1.4 N instead of 3 N"));
+  EXPECT_THAT(errors("12"), HasSubstr("instead of 3 N: Force Dimension omega.3 can hold no more for long"));
+  EXPECT_THAT(haptrace("run", file, "--dry-run").err, Not(HasSubstr("instead of"))) << "without a device";
+}
+
+TEST(RunCommand, NamesTheFileOfANoteOnce) {
+  const TempFolder folder;
+  const std::string expert = folder / "expert.h5";
+  ASSERT_EQ(haptrace("record", expert, "--device",
+                     "sim:preset=omega3,hand=relaxed,spec=" + folder.write("s.json", R"({"force_sensor": true})"),
+                     "--duration", "3", "--support", "1", "--up", "0,0,1")
+                .exit_code,
+            0);
+  nlohmann::json json = load_json(programme(folder));
+  json["exercises"][0].erase("shape");
+  json["exercises"][0]["path"] = "expert.h5";
+  const Answer answer = haptrace("run", folder.write("p.json", json.dump()), "--dry-run");
+  ASSERT_EQ(answer.exit_code, 0) << answer.err;
+  const std::string named = expert + ": ";
+  EXPECT_THAT(answer.err, HasSubstr(named + "the support of the expert's arm, 1 N, is left out of the force"));
+  EXPECT_THAT(answer.err, HasSubstr(named + "its measured force is not replayed"));
+  EXPECT_THAT(answer.err, Not(HasSubstr(named + named)));
+}
+
 TEST(RunCommand, ReportsErrorsBeforeItWritesAnything) {
   const TempFolder folder;
   const std::string file = programme(folder);
