@@ -406,10 +406,12 @@ int guide_command(const CLI::App& verb, Arguments& arguments, const Output& outp
   const PathChange change = place_paths(arguments, *device, options, expert);
   std::vector<std::string> notes =
       note_device_and_path(output, options.session, info, input.name(), expert->facts().notes);
-  if (const auto profile = arguments.profile.find(info, arguments.session.rate_hz, output, &options.session.known)) {
+  const auto profile = arguments.profile.find(info, arguments.session.rate_hz, output, &options.session.known);
+  if (profile) {
     options.identified = profile->identified();
     take_motor_limit(*profile, info, output, options.session);
   }
+  keep_dynamics(options.session, info, profile);
   GuidePlan plan = plan_guidance(info, expert, options);
   join_notes(info, options, of_scene, plan, opened);
   std::ranges::move(note_plan(output, plan, opened, options.session), std::back_inserter(notes));

@@ -3,6 +3,7 @@
 #include "base/rfc3339.h"
 #include "cli/input_options.h"
 #include "cli/read_progress.h"
+#include "formats/documents/device_profile.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording_summary.h"
@@ -80,7 +81,8 @@ std::string text_of(const RecordingContents& contents) {
   line("subject", header.subject);
   line("operator", header.operator_name);
   line("notes", header.notes);
-  for (const auto& [key, value] : header.meta) line(key.c_str(), value);
+  for (const auto& [key, value] : header.meta)
+    line(key.c_str(), key == kDynamicsKey ? "the model of the device, from its profile" : value);
   if (const auto of = header.meta.find("input"); of != header.meta.end() && of->second == "view")
     line("note", "a person steered a simulated hand through the live view: not a measure of skill");
   line("created", header.created);

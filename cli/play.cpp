@@ -450,6 +450,7 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
     options.identified = profile->identified();
     take_motor_limit(*profile, info, output, options.session);
   }
+  keep_dynamics(options.session, info, profile);
   require_law(arguments, options, info);
   PlayPlan plan = plan_playback(info, path, options);
   add_notes(arguments, options, info, of_scene, plan);

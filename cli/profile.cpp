@@ -54,6 +54,11 @@ DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result
           .held = result.held};
 }
 
+void keep_dynamics(SessionOptions& session, const DeviceInfo& info, const std::optional<DeviceProfile>& profile) {
+  if (session.recording && info.measures_force && profile)
+    session.recording->meta[kDynamicsKey] = to_json(DeviceDynamics::of(*profile)).dump();
+}
+
 void ProfileArguments::add_to(CLI::App& verb, const char* group, const char* without) {
   verb.add_option("--profile", file, "device profile from calibrate (default: the profile stored for this device)")
       ->type_name("FILE.json")

@@ -26,6 +26,10 @@ void take_motor_limit(const DeviceProfile& profile, const DeviceInfo& info, cons
 /// Returns the profile from a successful calibration of the device at this servo rate.
 DeviceProfile profile_of(const DeviceInfo& info, const CalibrationResult& result, double rate_hz);
 
+/// Stores the dynamics of a device that measures force in the recording of a session, for guidance with that force.
+/// Does nothing without a recording, a sensor or a profile.
+void keep_dynamics(SessionOptions& session, const DeviceInfo& info, const std::optional<DeviceProfile>& profile);
+
 /// The options --profile and --no-profile.
 struct ProfileArguments {
   std::string file;

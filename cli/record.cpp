@@ -5,6 +5,7 @@
 #include "cli/profile.h"
 #include "cli/scene_options.h"
 #include "cli/verb.h"
+#include "player/supporting_controller.h"
 #include "player/tuning/live_recording.h"
 
 #include <array>
@@ -104,22 +105,26 @@ int record_command(const CLI::App& verb, const RecordArguments& arguments, const
                                                   {"--up", arguments.session.support > 0, "--support"}}));
   RecordOptions options = options_of(arguments, verb);
   TrialNotes notes(arguments, arguments.scene.apply(options.session, output), options, output);
-  options.identified = [&output, &options](const DeviceInfo& info) -> std::optional<PlantModel> {
-    const auto profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
-    return profile ? std::optional(profile->plant) : std::nullopt;
-  };
+  std::optional<DeviceProfile> profile;  // of the device of all trials
+  options.identified = [&profile](const DeviceInfo&) { return profile ? std::optional(profile->plant) : std::nullopt; };
   Trials trials{.count = arguments.count, .pause = arguments.pause, .open = [&](int trial) {
                   return open_for(arguments, trial);
                 }};
   const Signals signals;
   StopRequest stop(&signals.stop());
   LivePage page(arguments.view, arguments.session, output, "record", stop);
+  LiveRecording commands(options.session.recording->options.annotations, stop);
   trials.begin = [&](int trial, const Device& device, const std::string& file) {
     page.expect_more(trial < arguments.count);
+    const DeviceInfo& info = device.info();
+    const bool needs_model = info.measures_force || options.session.touch.scene || options.session.support.force > 0;
+    if (trial == 1 && needs_model)
+      profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
+    keep_dynamics(options.session, info, profile);
+    (void)commands.begin_support(live_support(info, options.session));
     notes.begin(trial, device, file);
   };
   page.watch(options.session);
-  LiveRecording commands(options.session.recording->options.annotations, stop);
   options.live = &commands;
   const LivePage::Use use(page, commands);
   const Keys keys(options.session.recording->options.annotations, arguments.session.mark_texts, arguments.session.keys,

@@ -1,5 +1,6 @@
 #include "formats/convert/change_place.h"
 
+#include "formats/documents/device_profile.h"
 #include "formats/recording/recording_formats.h"
 
 #include <array>
@@ -20,6 +21,7 @@ class ChangedSource final : public RecordingSource {
     changes += (changes.empty() ? "" : "; then ") + description;
     scene_left_out_ = !header_.scene.empty();
     header_.scene = {};
+    header_.meta.erase(kDynamicsKey);  // along the device's axes
   }
 
   [[nodiscard]] const RecordingHeader& header() const override { return header_; }

@@ -354,6 +354,13 @@ HeldDevice held_device_from(JsonReader reader) {
   return held;
 }
 
+std::string created_from(Required& required, const std::string& where) {
+  std::string created = required.text("created");
+  if (!parse_rfc3339(created))
+    throw input_error(fmt::format("{}: created: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, created));
+  return created;
+}
+
 /// Returns a name with only characters that every file system accepts.
 std::string safe(const std::string& name) {
   std::string result;
@@ -445,10 +452,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
         fmt::format("{}: has format version '{}', but this program reads {}; calibrate again (haptrace calibrate)",
                     where, version, kProfileVersion));
   DeviceProfile profile;
-  profile.created = required.text("created");
-  if (!parse_rfc3339(profile.created))
-    throw input_error(
-        fmt::format("{}: created: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, profile.created));
+  profile.created = created_from(required, where);
   profile.software = required.text("software");
   JsonReader device = required.object("device");
   Required facts(device);
@@ -470,6 +474,32 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   if (const auto held = reader.object("held")) profile.held = held_device_from(*held);
   reader.finish();
   return profile;
+}
+
+DeviceDynamics DeviceDynamics::of(const DeviceProfile& profile) {
+  DeviceDynamics dynamics{.created = profile.created, .plant = profile.plant, .inertia = {}};
+  if (!profile.held) return dynamics;
+  dynamics.inertia = profile.held->inertia;
+  dynamics.in_a_hand = profile.held->hand == HandKnown::identified;
+  return dynamics;
+}
+
+json to_json(const DeviceDynamics& dynamics) {
+  json object{{"created", dynamics.created}, {"plant", json_of(dynamics.plant)}, {"in_a_hand", dynamics.in_a_hand}};
+  if (dynamics.inertia) object["inertia"] = json_of(*dynamics.inertia);
+  return object;
+}
+
+DeviceDynamics dynamics_from_json(const json& object, const std::string& where) {
+  JsonReader reader(object, where);
+  Required required(reader);
+  DeviceDynamics dynamics{.created = created_from(required, where),
+                          .plant = plant_from(required.object("plant")),
+                          .inertia = {},
+                          .in_a_hand = required.boolean("in_a_hand")};
+  if (const auto inertia = reader.object("inertia")) dynamics.inertia = inertia_from(*inertia);
+  reader.finish();
+  return dynamics;
 }
 
 DeviceProfile load_profile(const std::string& file) {

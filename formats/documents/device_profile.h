@@ -48,6 +48,24 @@ struct DeviceProfile {
   [[nodiscard]] IdentifiedDevice identified() const { return {plant, design, held}; }
 };
 
+/// What is subtracted from a force that was measured at the handle: the part of a profile that a recording holds.
+struct DeviceDynamics {
+  std::string created;  ///< of the profile: RFC 3339, UTC
+  PlantModel plant;
+  std::optional<InertiaMap> inertia;  ///< if the mass varies over the workspace
+  bool in_a_hand = false;             ///< a hand held the device as it was calibrated: its drag and pull are in `plant`
+
+  static DeviceDynamics of(const DeviceProfile& profile);
+};
+
+/// Key in a recording's metadata, with the device's dynamics as JSON (docs/file-format.md).
+inline constexpr const char* kDynamicsKey = "device_dynamics";
+
+nlohmann::json to_json(const DeviceDynamics& dynamics);
+
+/// Throws Error(input) like profile_from_json().
+DeviceDynamics dynamics_from_json(const nlohmann::json& json, const std::string& where);
+
 inline constexpr double kProfileLifetime = 180 * 86400.0;  ///< age from which a profile is stale [s]
 inline constexpr double kProfileRateTolerance = 0.1;       ///< relative to the servo rate
 

@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
+#include "base/json_reader.h"
 #include "formats/path/expert_force.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
@@ -15,47 +16,59 @@ namespace {
 constexpr EnumNames<ReplayedForce, 3> kForces{"force of the expert", {"task", "measured", "sent"}};
 constexpr const char* kProfileBeside = "profile.json";  // as in the folder of a session
 
-/// A profile and where it was found.
+/// The model of the expert's device, and where it was found.
 struct Found {
-  DeviceProfile profile;
+  DeviceDynamics dynamics;
+  DeviceIdentity device;
   std::string where;
 };
 
-/// Searches the profile of the device `expert` with which `file` was recorded.
-std::optional<Found> find_expert_profile(const std::string& file, const DeviceIdentity& expert,
-                                         const ExpertOptions& options, const std::optional<DeviceProfile>& known,
-                                         ExpertRecording& result) {
+Found found_in(const DeviceProfile& profile, const std::string& where) {
+  return {DeviceDynamics::of(profile), profile.device, where};
+}
+
+/// Returns the model of its device that a recording holds.
+std::optional<Found> found_in(const RecordingHeader& header, const DeviceIdentity& expert, const std::string& file) {
+  const auto text = header.meta.find(kDynamicsKey);
+  if (text == header.meta.end()) return std::nullopt;
+  const std::string where = fmt::format("{}: {}", file, kDynamicsKey);
+  return Found{dynamics_from_json(parse_json(text->second, where), where), expert, "as the recording states"};
+}
+
+/// Searches the model of the device `expert` with which `file` was recorded.
+std::optional<Found> find_expert_device(const std::string& file, const RecordingHeader& header,
+                                        const DeviceIdentity& expert, const ExpertOptions& options,
+                                        const std::optional<DeviceProfile>& known, ExpertRecording& result) {
   if (!options.profile.empty()) {
-    Found found{load_profile(options.profile), options.profile};
-    if (found.profile.device != expert)
+    Found found = found_in(load_profile(options.profile), options.profile);
+    if (found.device != expert)
       result.warnings.push_back(fmt::format("{} is the profile of {}, but {} was recorded with {}", options.profile,
-                                            device_in_words(found.profile.device), file, device_in_words(expert)));
+                                            device_in_words(found.device), file, device_in_words(expert)));
     return found;
+  }
+  try {
+    if (std::optional<Found> found = found_in(header, expert, file)) return found;
+  } catch (const Error& error) {
+    result.warnings.push_back(fmt::format("{}; it is not used for the expert's force", error.what()));
   }
   try {
     const std::filesystem::path beside = std::filesystem::path(file).parent_path() / kProfileBeside;
     if (std::filesystem::exists(beside))
       if (DeviceProfile profile = load_profile(beside.string()); profile.device == expert)
-        return Found{std::move(profile), beside.string()};
-    if (known && known->device == expert) return Found{*known, "the profile of this session"};
-    if (std::optional<DeviceProfile> profile = find_profile(expert))
-      return Found{std::move(*profile), profile_file(expert)};
+        return found_in(profile, beside.string());
+    if (known && known->device == expert) return found_in(*known, "the profile of this session");
+    if (std::optional<DeviceProfile> profile = find_profile(expert)) return found_in(*profile, profile_file(expert));
   } catch (const Error& error) {
     result.warnings.push_back(fmt::format("{}; it is not used for the expert's force", error.what()));
   }
   return std::nullopt;
 }
 
-/// Returns true if the response of the calibrated device showed a hand, which its friction and gravity then contain.
-bool has_an_arm(const DeviceProfile& profile) {
-  return profile.held && profile.held->hand == HandKnown::identified;
-}
-
 HandleForce handle_of(const std::optional<Found>& found, bool negated) {
   HandleForce handle{.negated = negated};
   if (!found) return handle;
-  handle.plant = found->profile.plant;
-  if (found->profile.held) handle.inertia = found->profile.held->inertia;
+  handle.plant = found->dynamics.plant;
+  handle.inertia = found->dynamics.inertia;
   return handle;
 }
 
@@ -86,7 +99,7 @@ void use_measured(const std::string& name, const std::shared_ptr<const PathSourc
     result.notes.push_back(
         fmt::format("{}: the replayed force is the task's, the measured force less the model of {} "
                     "({})",
-                    name, device_in_words(found->profile.device), found->where));
+                    name, device_in_words(found->device), found->where));
   else
     result.warnings.push_back(
         fmt::format("{}: the measured force is replayed with the inertia, friction and weight of the expert's "
@@ -135,7 +148,8 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
   const RecordingHeader header = RecordingReader(file).header();
   const DeviceIdentity expert{header.device_backend, header.device_model, header.device_serial};
   std::optional<Found> found;
-  if (options.force != ReplayedForce::measured) found = find_expert_profile(file, expert, options, known, result);
+  if (options.force != ReplayedForce::measured)
+    found = find_expert_device(file, header, expert, options, known, result);
   if (!found && options.force != ReplayedForce::measured) {
     const std::string why = fmt::format(
         "the model of its device ({}) is unknown, and the measured force is mostly the inertia and friction of that "
@@ -145,7 +159,7 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
     result.warnings.push_back(fmt::format("{}: its measured force is not replayed, but the sent force: {}", name, why));
     return result;
   }
-  if (found && has_an_arm(found->profile)) {
+  if (found && found->dynamics.in_a_hand) {
     const std::string why = fmt::format(
         "the model of its device ({}) was calibrated in a hand, so it has the drag and the pull of an arm; calibrate "
         "the device with nobody at the handle, into a file (haptrace calibrate -o free.json), and give that with "

@@ -40,9 +40,10 @@ struct ExpertRecording {
 
 /// Opens a path or recording like open_path, with the force that a trainee shall feel.
 ///
-/// The profile of the expert's device is, in this order: `options.profile`; profile.json beside the recording, as in
-/// the folder of a session; `known`, a profile that the session uses; the one in the profile folder. All but the first
-/// must have the backend, model and serial number that the recording names.
+/// The model of the expert's device is, in this order, that of `options.profile`; of the recording (DeviceDynamics); of
+/// profile.json beside the recording, as in the folder of a session; of `known`, a profile that the session uses; of
+/// the one in the profile folder. The last three must have the backend, model and serial number that the recording
+/// names.
 ///
 /// A measured force that is not replayed, a sensor of the wrong sign and a task without any force cause warnings.
 /// Throws Error(input) as open_path does; if a force was requested that the recording does not have; and if `task` was

@@ -19,11 +19,13 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
 #include <fmt/format.h>
 #include <fstream>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <numbers>
+#include <optional>
 
 namespace haptrace {
 namespace {
@@ -82,6 +84,8 @@ class ExpertForces : public testing::Test {
                                                        "normal": [-1, 0, 0], "stiffness": 400}]})"),
                                                "table");
     options.session.recording = SessionOptions::Recording{.file = file};
+    options.session.recording->options.overwrite = true;
+    if (dynamics_) options.session.recording->meta[kDynamicsKey] = to_json(*dynamics_).dump();
     (void)record(*device, options, StopRequest{});
     return file;
   }
@@ -100,6 +104,7 @@ class ExpertForces : public testing::Test {
   }
 
   TempFolder folder_;
+  std::optional<DeviceDynamics> dynamics_;  ///< that the recordings hold
 };
 
 /// Returns the forces of a path, low-passed as task_force() does.
@@ -117,6 +122,26 @@ double relative_error(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
     size += b[i].squaredNorm();
   }
   return std::sqrt(difference / size);
+}
+
+TEST_F(ExpertForces, AreThoseOfTheTaskByTheModelThatTheRecordingHolds) {
+  const std::string file = recorded(true);
+  calibrate(file);
+  const ExpertRecording beside = open_expert(file, {});
+  const DeviceProfile profile = load_profile(folder_ / "profile.json");
+  std::filesystem::remove(folder_ / "profile.json");
+  EXPECT_EQ(open_expert(file, {}).force, ReplayedForce::sent) << "without a model";
+  dynamics_ = DeviceDynamics::of(profile);
+  const ExpertRecording held = open_expert(recorded(true), {});
+  EXPECT_EQ(held.force, ReplayedForce::task);
+  EXPECT_THAT(held.warnings, IsEmpty());
+  EXPECT_THAT(held.notes, Contains(testing::AllOf(HasSubstr("less the model of Force Dimension omega.3"),
+                                                  HasSubstr("(as the recording states)"))));
+  const std::vector<Vec3> a = beside.path->read(0, 5000).force, b = held.path->read(0, 5000).force;
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) ASSERT_LT((a[i] - b[i]).norm(), 1e-9);
+  dynamics_->in_a_hand = true;
+  EXPECT_THAT(open_expert(recorded(true), {}).warnings, Contains(HasSubstr("was calibrated in a hand")));
 }
 
 TEST_F(ExpertForces, AreThoseOfTheTaskAndNotTheDragOfTheExpertsDevice) {
