@@ -37,6 +37,9 @@ constexpr std::size_t kSearched = 64;                    // states searched per 
 constexpr double kFound = 2;                             // the search ends at a mismatch below this
 constexpr std::size_t kLocal = 6;                        // a rival is the best within so many states
 
+// A hand shakes if its low pass stays as near to a spot as kSpot for so long, and it moves so far there [m, s, m].
+constexpr double kSpot = 6e-3, kShakesLong = 1, kShakesFor = 40e-3;
+
 /// A total cost in whole units above the bits of A. Both are compared and added at once, as a whole number, without a
 /// branch that no processor could predict: the smaller cost brings its A along.
 using Key = std::uint64_t;
@@ -144,6 +147,14 @@ PlaceEvidence::PlaceEvidence(const ArcPath& path, double resolution)
     tx_[j] = static_cast<float>(unit.x()), ty_[j] = static_cast<float>(unit.y());
     tz_[j] = static_cast<float>(unit.z());
   }
+  winds_.resize(n);
+  const auto near = static_cast<std::size_t>(0.5 * scale_ * kShakesFor / spacing_);
+  for (std::size_t j = 0; j < n; ++j) {
+    const Vec3 here = path.position_at(s_of(j));
+    winds_[j] = 1;
+    for (std::size_t i = j - std::min(j, near); i <= std::min(j + near, n - 1); ++i)
+      if ((path.position_at(s_of(i)) - here).norm() > scale_ * kSpot) winds_[j] = 0;
+  }
   const std::size_t weighed = n > kAllStates ? kWindowStates : n;
   for (auto* column : {&total_, &kept_, &forgotten_}) column->resize(weighed);
   for (auto& column : units_) column.resize(weighed);
@@ -170,6 +181,8 @@ void PlaceEvidence::start(double s, const Vec3& position) noexcept {
   seen_[newest_ = 0] = {position, 0};
   seen_count_ = 1;
   slow_ = slow_before_ = position;
+  spot_ = position;
+  at_spot_ = time_at_spot_ = 0;
   lost_ = 0;
   search_ = 0;
   conclude();
@@ -184,8 +197,17 @@ Vec3 PlaceEvidence::chord() const noexcept {
   return length >= scale_ * kShortestChord ? Vec3(way / length) : Vec3::Zero();
 }
 
+bool PlaceEvidence::shakes() const noexcept {
+  return time_at_spot_ >= kShakesLong && at_spot_ >= scale_ * kShakesFor && winds_[first_ + best_] == 0;
+}
+
 bool PlaceEvidence::update(const Vec3& position, double dt) noexcept {
   slow_ += low_pass_share_at(kTremorCutoff, std::max(dt, 0.0)) * (position - slow_);
+  time_at_spot_ += std::max(dt, 0.0);
+  if ((slow_ - spot_).squaredNorm() > scale_ * kSpot * scale_ * kSpot) {
+    spot_ = slow_;
+    at_spot_ = time_at_spot_ = 0;
+  }
   const double moved = (position - seen(0).position).norm();
   if (!(moved >= step_)) return false;
   newest_ = (newest_ + 1) % seen_.size();
@@ -193,6 +215,8 @@ bool PlaceEvidence::update(const Vec3& position, double dt) noexcept {
   seen_count_ = std::min(seen_count_ + 1, seen_.size());
   const double net = std::clamp((slow_ - slow_before_).norm() / moved, kLeastNet, 1.0);
   slow_before_ = slow_;
+  at_spot_ += moved;
+  if (shakes()) return false;
 
   const double step = std::min(moved, scale_ * kLongestStep);
   advance(static_cast<std::size_t>(std::max(std::round(kAdvance * step * net / spacing_), 1.0)));

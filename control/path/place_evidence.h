@@ -28,8 +28,9 @@ namespace haptrace {
 ///     t_j, 1.8 + u . t_j)
 ///
 /// and A travels with the best predecessor. u and t_j are the chords of the hand and of the path over the last 6 mm.
-/// Only movement counts: a hand that rests adds no evidence, however long. All lengths are those of a path whose box
-/// has a diagonal of 110 mm, and scale with it.
+/// Only movement counts: a hand that rests adds no evidence, however long. Neither does one that shakes at one spot:
+/// its low pass of 3 Hz stays within 6 mm for a second in which it moves by 40 mm, where the path leads farther. All
+/// lengths are those of a path whose box has a diagonal of 110 mm, and scale with it.
 ///
 /// On a path longer than 1.5 m, only the states within 0.4 m of the best are weighed. The others are searched a few at
 /// a time while the hand matches none of the weighed ones.
@@ -101,6 +102,8 @@ class PlaceEvidence {
     return seen_[(newest_ + seen_.size() - ago) % seen_.size()];
   }
   [[nodiscard]] Vec3 chord() const noexcept;
+  /// Returns true if the hand shakes at one spot.
+  [[nodiscard]] bool shakes() const noexcept;
   void advance(std::size_t reach) noexcept;
   void sweep() noexcept;
   void observe(const Vec3& position, double step) noexcept;
@@ -114,6 +117,7 @@ class PlaceEvidence {
   Vec3 origin_ = Vec3::Zero();
   std::vector<float> x_, y_, z_, radius_;           ///< of every state, from the origin [m]
   std::vector<float> tx_, ty_, tz_;                 ///< chord of the path over the last 6 mm before each state
+  std::vector<std::uint8_t> winds_;                 ///< 1: the path round the state stays as near as a hand that shakes
   std::vector<float> total_, kept_, forgotten_;     ///< M, B and A of the states in the window
   std::array<std::vector<std::int32_t>, 2> units_;  ///< scratch, as are the next two
   std::array<std::vector<float>, 2> carried_;
@@ -124,6 +128,8 @@ class PlaceEvidence {
   std::array<Seen, 64> seen_;
   std::size_t newest_ = 0, seen_count_ = 0;
   Vec3 slow_ = Vec3::Zero(), slow_before_ = Vec3::Zero();  ///< low-passed hand, now and at the last update [m]
+  Vec3 spot_ = Vec3::Zero();                               ///< near which the low-passed hand stays [m]
+  double at_spot_ = 0, time_at_spot_ = 0;                  ///< movement there [m], and time [s]
 
   std::array<Stretch, kMostStretches> stretches_;
   std::size_t stretch_count_ = 0;

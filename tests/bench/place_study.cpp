@@ -42,6 +42,7 @@ std::vector<Group> groups() {
       {"starts in the middle", {{.middle = true}}},
       {"wanders 50 mm off", {{.wander = 0.05}}},
       {"tremor of 5 mm at 5 Hz", {{.tremor = 5e-3}}},
+      {"shakes by 2 to 4 mm at one place for 20 s", {{.shake = 2e-3}, {.shake = 3e-3}, {.shake = 4e-3}}},
       {"mixtures",
        {{.noise = 1e-3, .speed = 1.5, .scale = 0.85, .shift = 5e-3, .early = 4e-3},
         {.noise = 1e-3, .scale = 1.15, .rotation = 8 * kDegree, .tremor = 2e-3}}},

@@ -191,6 +191,13 @@ TEST(PlaceTracker, KeepsTraineesWhoTurnEarlyAndCutCorners) {
   EXPECT_LE(early.wall, kNoWall);
 }
 
+TEST(PlaceTracker, KeepsTraineesWhoShakeAtOneSpotOfTheWay) {
+  const Tally shaking = tally({{.shake = 2e-3}, {.shake = 3e-3}, {.shake = 4e-3}}, 1, 5900);
+  EXPECT_GE(shaking.kept, 0.93 * shaking.trials);
+  EXPECT_LE(shaking.jumps, 1);
+  EXPECT_LE(shaking.wall, kNoWall);
+}
+
 TEST(PlaceTracker, KeepsTraineesWhoGoBackFarWhereThatDiffersFromAnotherStrand) {
   for (const test::Stroke& stroke : test::strokes()) {
     const std::array retraced{"line and back", "stretch three times", "hairpin", "zigzag", "script"};

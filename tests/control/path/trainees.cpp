@@ -85,6 +85,14 @@ class Walk {
   void rest(double time) {
     for (double t = 0; t < time; t += kTick) put(path_.position_at(s_), s_);
   }
+  /// Shakes for 20 s at the same place, with a tremor of 5 Hz whose direction drifts.
+  void shake(double amplitude, std::mt19937_64& random) {
+    constexpr double kTime = 20, kHertz = 5;  // [s]
+    Smooth direction(random());
+    const Vec3 there = path_.position_at(s_);
+    for (double t = 0; t < kTime; t += kTick)
+      put(there + amplitude * std::sin(2 * pi * kHertz * t) * direction.next().normalized(), s_);
+  }
   void grace(double movement) { grace_ = std::max(grace_, movement); }
   void begin_at(double s) { s_ = s; }
   [[nodiscard]] double place() const { return s_; }
@@ -129,6 +137,7 @@ void walk_along(const Stroke& stroke, const ArcPath& path, const Departure& depa
     happened = true;
     walk.along(event);
     if (departure.stop > 0) walk.rest(departure.stop);
+    if (departure.shake > 0) walk.shake(departure.shake, random);
     if (departure.back > 0) {
       walk.along(event - departure.back);
       walk.along(event);

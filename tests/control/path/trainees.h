@@ -42,6 +42,7 @@ struct Departure {
   bool middle = false;  ///< starts in the middle
   double wander = 0;    ///< leaves the path so far, and comes back to the same place
   double tremor = 0;    ///< amplitude at 5 Hz
+  double shake = 0;     ///< amplitude at 5 Hz for 20 s at one place, in all directions
 };
 
 /// A trial at 1 kHz.
