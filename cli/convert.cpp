@@ -266,7 +266,7 @@ std::vector<std::string> remarks_on(const Pipeline& pipeline, const Sampling& sa
       remarks.push_back(
           fmt::format("the force holds the support of the arm, {:.2g} N, which CSV cannot name: guide "
                       "leaves it out of an HDF5 recording, but replays it from CSV",
-                      SupportHistory(*support, pipeline.source->events()).largest()));
+                      support->force));
   for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
   return remarks;
 }

@@ -121,7 +121,6 @@ int record_command(const CLI::App& verb, const RecordArguments& arguments, const
     if (trial == 1 && needs_model)
       profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
     keep_dynamics(options.session, info, profile);
-    (void)commands.begin_support(live_support(info, options.session));
     notes.begin(trial, device, file);
   };
   page.watch(options.session);

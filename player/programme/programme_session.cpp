@@ -689,11 +689,6 @@ class ProgrammeRun {
     SessionOptions session = options_.session;
     session.loop.motors = &motors_;
     if (trial.settings.support) session.support = {.force = *trial.settings.support, .up = programme_.up};
-    if (options_.live != nullptr) {
-      const auto support = live_support(device, session);
-      const double force = options_.live->begin_support(support, trial.exercise);
-      if (support) session.support = {.force = force, .up = programme_.up, .changes = true};
-    }
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =
