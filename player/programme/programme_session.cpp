@@ -608,7 +608,6 @@ class ProgrammeRun {
   void log_settings(LoggedTrial& trial, const TrialRun& run) const {
     const Exercise& exercise = programme_.exercise(trial.exercise);
     if (trial.settings.support) trial.settings.support = run.session.support;
-    if (options_.live != nullptr && options_.live->support()) trial.settings.support = options_.live->support();
     if (exercise.mode == ExerciseMode::passive || exercise.reach) return;
     trial.settings.stiffness = run.stiffness;
     if (options_.live != nullptr) note_changes(trial.exercise, run, trial.settings);
