@@ -37,6 +37,7 @@ struct AssessedTrial {
   RecordedTrial recorded;
   TrialFigures figures;
   std::vector<EventCode> events;
+  std::string words;  ///< of the last event
   Phase last = Phase::approach;
 };
 
@@ -56,7 +57,10 @@ AssessedTrial assessed(const ReachTrial& trial, const ReachForces::Options& forc
     const std::size_t before = test::allocations();
     const Command command = controller.update(state);
     EXPECT_EQ(test::allocations(), before) << "the tick allocates nothing";
-    if (command.event) result.events.push_back(command.event->code);
+    if (command.event) {
+      result.events.push_back(command.event->code);
+      result.words = describe(*command.event);
+    }
     if (command.phase == Phase::run) {
       if (!cue) cue = tick * kDt;
       result.recorded.time.push_back(tick * kDt);
@@ -195,6 +199,7 @@ TEST(PressAssessment, IsALowerBoundForAHandThatIsStrongerThanTheLock) {
       assessed(trial, lock(4), {.start_hold = 0.5, .time_limit = 3, .hold = 0.3}, pressing(9, 0, random, real));
   EXPECT_THAT(tried.events, testing::ElementsAre(EventCode::repetition, EventCode::deviation_over));
   EXPECT_LT(tried.recorded.time.back() - tried.recorded.time.front(), 1) << "it ends when the lock broke";
+  EXPECT_THAT(tried.words, HasSubstr("the lock gave way: it was pressed off by"));
   EXPECT_EQ(tried.last, Phase::hold);
 }
 
