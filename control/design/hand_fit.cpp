@@ -30,7 +30,7 @@ constexpr double kHandCorner = 8;          // frequency below which it rises [Hz
 constexpr double kModelError = 0.02, kLeastModelError = 0.01, kMostModelError = 0.05;  // share of the response
 
 // Priors: medians and standard deviations of the logarithms.
-constexpr double kUsualHand[] = {0.1, 600, 4}, kHandSpread[] = {1.2, 0.7, 0.8};  // kg, N/m, N s/m
+constexpr double kUsualHand[] = {0.1, 600, 4}, kHandSpread[] = {1.2, 1.2, 0.8};  // kg, N/m, N s/m
 constexpr double kMassSpread = 0.4;                                              // about the mass at the highest lines
 constexpr double kUsualViscous = 1, kViscousSpread = 1.5;                        // [N s/m]
 constexpr double kUsualLag = 0.5e-3, kLagSpread = 0.4e-3;                        // not a logarithm [s]
@@ -301,7 +301,7 @@ class Fit {
       const LineResponse& line = spectrum_.lines[l];
       const Response model = response(l, theta_);
       for (const int axis : axes_)
-        sigma_[l][axis] = std::max(1e-12, std::hypot(line.noise, model_error_ * std::abs(line.position[axis]),
+        sigma_[l][axis] = std::max(1e-12, std::hypot(spectrum_.noise, model_error_ * std::abs(line.position[axis]),
                                                      moved(model, axis, hand_force(line.w))));
     }
   }
@@ -318,7 +318,7 @@ class Fit {
         for (const int axis : axes_) {
           const double by_hand = std::pow(moved(model, axis, hand_force(line.w)), 2);
           const double by_model = std::pow(model_error_, 2) * std::norm(line.position[axis]);
-          const double variance = std::max(1e-24, std::pow(line.noise, 2) + by_model + by_hand);
+          const double variance = std::max(1e-24, std::pow(spectrum_.noise, 2) + by_model + by_hand);
           const double ratio = 0.5 * std::norm(line.position[axis] - model.position[axis]) / variance;
           of_hand += by_hand / variance * ratio;
           hand_share += by_hand / variance;

@@ -40,7 +40,6 @@ class SpectrumEstimator {
       for (const SpectralLine& line : dither.lines(axis)) frequencies_.push_back(line.frequency_hz);
     std::sort(frequencies_.begin(), frequencies_.end());
     sums_.resize(frequencies_.size());
-    squares_.resize(frequencies_.size());
     for (std::size_t i = 0; i < frequencies_.size(); ++i) sums_[i].w = kTwoPi * frequencies_[i];
   }
 
@@ -61,10 +60,7 @@ class SpectrumEstimator {
       line.position /= windows_;
       line.force /= windows_;
     }
-    result.windows = windows_;
-    // A single window tells of white noise at most.
-    const double white = std::sqrt(2 * residual_ / (3 * samples_) / samples_);
-    for (std::size_t i = 0; i < result.lines.size(); ++i) result.lines[i].noise = windows_ < 2 ? white : noise_near(i);
+    result.noise = std::sqrt(2 * residual_ / (3 * samples_) / samples_);
     return result;
   }
 
@@ -72,16 +68,6 @@ class SpectrumEstimator {
   static constexpr int kTrend = 4;           // number of powers of time that model the trend
   static constexpr double kSlowest = 40;     // highest harmonic of the slow movement in the basis [Hz]
   static constexpr double kCoverage = 0.95;  // required fraction of samples in a window
-
-  /// Returns the noise at a line, from the differences between the windows at the lines around it: the force of a hand
-  /// that trembles is not white.
-  [[nodiscard]] double noise_near(std::size_t line) const {
-    constexpr std::size_t kAround = 4;  // lines on either side
-    const std::size_t begin = line - std::min(line, kAround), end = std::min(line + kAround + 1, sums_.size());
-    double squares = 0;
-    for (std::size_t i = begin; i < end; ++i) squares += squares_[i] - sums_[i].position.squaredNorm() / windows_;
-    return std::sqrt(std::max(squares, 0.0) / (static_cast<double>(end - begin) * 6 * (windows_ - 1) * windows_));
-  }
 
   void add_window(std::span<const TickRow> rows) {
     if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
@@ -113,9 +99,7 @@ class SpectrumEstimator {
         // A cos + B sin is the real part of (A - jB) e^{jwt}.
         const Eigen::Index c = first_line + 2 * i;
         LineResponse& line = sums_[static_cast<std::size_t>(i)];
-        const Complex position(amplitudes(c, axis), -amplitudes(c + 1, axis));
-        line.position[axis] += position;
-        squares_[static_cast<std::size_t>(i)] += std::norm(position);
+        line.position[axis] += Complex(amplitudes(c, axis), -amplitudes(c + 1, axis));
         line.force[axis] += Complex(amplitudes(c, axis + 3), -amplitudes(c + 1, axis + 3));
       }
     residual_ += (data - product(basis, amplitudes)).leftCols(3).squaredNorm();
@@ -126,7 +110,6 @@ class SpectrumEstimator {
   double period_, rate_hz_;
   std::vector<double> frequencies_;
   std::vector<LineResponse> sums_;
-  std::vector<double> squares_;  ///< of the position amplitudes at each line, over all axes [m^2]
   double residual_ = 0, samples_ = 0;
   double windows_ = 0;
 };
@@ -144,6 +127,7 @@ class MobilityFit {
   };
 
   MobilityFit(const LineSpectrum& spectrum, const std::array<bool, 3>& axes, double rate_hz) : period_(1 / rate_hz) {
+    spectrum_.noise = spectrum.noise;
     for (const LineResponse& line : spectrum.lines)
       if (line.w >= kTwoPi * kLowestLine) spectrum_.lines.push_back(line);
     for (int axis = 0; axis < 3; ++axis)
@@ -190,7 +174,7 @@ class MobilityFit {
   [[nodiscard]] Eigen::Index rows() const { return 2 * static_cast<Eigen::Index>(spectrum_.lines.size()); }
 
   [[nodiscard]] double sigma(const LineResponse& line, int axis) const {
-    return std::hypot(line.noise, kModelError * std::abs(line.position[axis]), 1e-12);
+    return std::hypot(spectrum_.noise, kModelError * std::abs(line.position[axis]), 1e-12);
   }
 
   /// Computes the weighted regressors and the response of one axis. Each complex equation gives two real ones.
@@ -925,9 +909,7 @@ void take_held(const Experiment& experiment, const LineSpectrum& spectrum, bool 
   std::array<double, 4> cost{};
   for (std::size_t choice = 0; choice < 4; ++choice)
     cost[choice] = fits[choice] ? fits[choice]->evidence + (choice % 2 == 1 ? kClearEvidence : 0) +
-                                      (choice < 2 ? 0
-                                       : responds ? kOverwhelmingEvidence
-                                                  : kClearEvidence)
+                                      (choice >= 2 ? kOverwhelmingEvidence : 0)
                                 : std::numeric_limits<double>::infinity();
   const auto best = static_cast<std::size_t>(std::min_element(cost.begin(), cost.end()) - cost.begin());
   if (!(fits[best]->residual < kMostUnexplained)) return;
@@ -1096,27 +1078,6 @@ Identification identify(const Experiment& experiment) {
   if (!found.fits || found.line_residual > result.line_residual) return result;
   found.plant.cogging = cogging;
   return found;
-}
-
-Identification identify_as_held(const Experiment& experiment, const HeldIdentification& held) {
-  Identification result;
-  PlantModel& plant = result.plant;
-  plant.position_resolution = position_quantum(experiment.rows);
-  plant.delay = held.held.delay + held.held.lag;
-  result.half_width.delay = std::hypot(held.half_width.lag, kDelayLeftOut);
-  for (int axis = 0; axis < 3; ++axis) {
-    if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;
-    const auto i = static_cast<std::size_t>(axis);
-    plant.mass[axis] = held.held.mass[axis] + held.held.link[i].mass;
-    result.half_width.mass[axis] = std::hypot(held.half_width.mass[axis], held.half_width.link[i].mass);
-    const SweepFit fit = fit_sweeps(experiment, axis, plant.delay);
-    take(fit, axis, result);
-    if (result.reason.empty()) result.reason = doubt_about(axis, result, fit);
-    take_noise(experiment, axis, plant);
-  }
-  result.fits = result.reason.empty();
-  if (result.fits) plant.actuators = find_actuators(experiment, plant.delay);
-  return result;
 }
 
 HeldIdentification identify_held(const Experiment& experiment, const Identification& identified) {

@@ -105,13 +105,6 @@ struct HeldIdentification {
 /// a light device responds in a similar way. Not real-time: it allocates.
 HeldIdentification identify_held(const Experiment& experiment, const Identification& identified);
 
-/// Identifies a device with the masses and the delay of identify_held(). They are more certain than those of identify()
-/// if a flexible link keeps the device from responding like a mass, or if the noise of a hand that trembles is as large
-/// as the response: a hand has fewer parameters there, which have priors. The mass is that of motors and link together,
-/// which a slow force moves; the delay includes the lag of the motors. Everything else comes from the sweeps, as in
-/// identify().
-Identification identify_as_held(const Experiment& experiment, const HeldIdentification& held);
-
 /// Identifies a coarser model for devices that do not respond like a mass at the lines: with backlash between motor and
 /// handle, with links that swing, or so heavy that the excitation signal hardly moves them.
 ///

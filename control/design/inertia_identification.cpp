@@ -32,7 +32,7 @@ std::vector<Line> lines_of(const Experiment& experiment, const LineSpectrum& spe
     if (own.frequency_hz < kLowest) continue;
     for (const LineResponse& line : spectrum.lines)
       if (std::abs(line.w - w) < 1e-6)
-        lines.push_back({w, line.position[axis] / line.force[axis], line.noise / std::abs(line.force[axis])});
+        lines.push_back({w, line.position[axis] / line.force[axis], spectrum.noise / std::abs(line.force[axis])});
   }
   return lines;
 }
@@ -70,12 +70,8 @@ std::optional<std::vector<InertiaFactor>> inertia_factors(const Experiment& expe
   for (const ExperimentPlace& place : experiment.places) {
     Experiment there = experiment;
     there.dithered = {place.dithered};
-    LineSpectrum spectrum = spectrum_of(there);
+    const LineSpectrum spectrum = spectrum_of(there);
     if (spectrum.lines.empty()) return std::nullopt;
-    // A single window does not tell of the hand's tremor.
-    const double fewer = std::sqrt(centre.windows / spectrum.windows);
-    for (std::size_t i = 0; i < spectrum.lines.size(); ++i)
-      spectrum.lines[i].noise = std::max(spectrum.lines[i].noise, fewer * centre.lines[i].noise);
     InertiaFactor factor;
     for (int axis = 0; axis < 3; ++axis) {
       if (!experiment.axes[static_cast<std::size_t>(axis)]) continue;

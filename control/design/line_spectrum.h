@@ -16,12 +16,11 @@ inline constexpr double kInterval95 = 1.96;  ///< half of a 95 % confidence inte
 struct LineResponse {
   double w = 0;  ///< [rad/s]
   Eigen::Vector3cd position = Eigen::Vector3cd::Zero(), force = Eigen::Vector3cd::Zero();
-  double noise = 0;  ///< standard deviation of the real and imaginary part of a position amplitude, over all axes [m]
 };
 
 struct LineSpectrum {
   std::vector<LineResponse> lines;  ///< in the order of frequency
-  double windows = 0;               ///< number of windows
+  double noise = 0;                 ///< standard deviation of the real and imaginary part of a position amplitude [m]
 };
 
 }  // namespace haptrace

@@ -241,28 +241,14 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
   held.noise = kHealthyHand;
   held.force_noise = 0;
   const DiscreteAxis plant = discretised(held);
-  std::vector<DiscreteAxis> others;
-  for (const HandModel& hand : {HandModel{}, kLooseHand, kFirmHand}) {
-    AxisModel other = identified;
-    other.hand = hand;
-    others.push_back(discretised(other));
-  }
-  const auto is_stable_with_others = [&](const LqgAxis& law) {
-    return std::ranges::all_of(others, [&](const DiscreteAxis& other) { return LqgLoop(law, other).radius() < 1; });
-  };
-  // A softer law bears more. Where none bears every hand, the ripple alone decides.
   std::optional<LqgAxis> law;
-  for (const bool every_hand : {true, false}) {
-    double low = std::log(1e-12), high = std::log(1e-2);  // of the weight of the ripple
-    for (int i = 0; i < 20; ++i) {
-      const double weight = 0.5 * (low + high);
-      law = design_lqg(model, std::exp(weight));
-      if (!law) return std::nullopt;
-      const auto figures = LqgLoop(*law, plant).figures();
-      const bool soft = figures && figures->ripple <= max_ripple && (!every_hand || is_stable_with_others(*law));
-      (soft ? high : low) = weight;
-    }
-    if (!every_hand || is_stable_with_others(*law)) break;
+  double low = std::log(1e-12), high = std::log(1e-2);  // of the weight of the ripple
+  for (int i = 0; i < 20; ++i) {
+    const double weight = 0.5 * (low + high);
+    law = design_lqg(model, std::exp(weight));
+    if (!law) return std::nullopt;
+    const auto figures = LqgLoop(*law, plant).figures();
+    (!figures || figures->ripple > max_ripple ? low : high) = weight;
   }
   return law;
 }
@@ -291,9 +277,7 @@ double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, doubl
 
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple) {
   const auto moving = design_lqg(identified, numbers);
-  // A link that swings does not bear the fast law for rest: friction holds the motors, and its other end goes on.
-  const auto resting =
-      identified.link.mass > 0 ? moving : design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
+  const auto resting = design_lqg_for_rest(identified, firm(Firmness::normal).target * plain_ripple);
   if (!moving || !resting) return std::nullopt;
   return LqgLaws{*moving, *resting, learning_bandwidth(identified, *moving, kLearnedNoise * plain_ripple)};
 }

@@ -37,10 +37,9 @@ std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers&
 /// Designs the feedback of an identified axis for rest. The friction of a device that rests is a spring, stiff enough
 /// to put a small device at 30 to 50 Hz (see ObserverPd). A law for movement takes this spring for a load and damps it
 /// late, which drives the device instead. At rest, the filter therefore expects a white force of 0.25 N sqrt(s) per
-/// kilogram and no hand, which makes it fast, and the feedback is as soft as `max_ripple` requires [N] and, if that is
-/// possible, stable also with nobody, a loose or a firm hand on the device. The loop is then stable on springs up to 50
-/// Hz if the force acts within two periods; a kilogram that answers after three is stable up to 15 Hz only. Returns
-/// nothing and throws like design_lqg().
+/// kilogram and no hand, which makes it fast, and the feedback is as soft as `max_ripple` requires [N]. The loop is
+/// then stable on springs up to 50 Hz if the force acts within two periods; a kilogram that answers after three is
+/// stable up to 15 Hz only. Returns nothing and throws like design_lqg().
 std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double max_ripple);
 
 /// Returns the highest frequency [Hz], from kLeastLearning to kMostLearning, up to which iterative learning converges
@@ -51,8 +50,8 @@ std::optional<LqgAxis> design_lqg_for_rest(const AxisModel& identified, double m
 double learning_bandwidth(const AxisModel& identified, const LqgAxis& law, double max_noise);
 inline constexpr double kLeastLearning = 15, kMostLearning = 30;  ///< [Hz]
 
-/// Designs both laws of an identified axis, which are one if it has a flexible link. The one for rest may make as much
-/// ripple as a normal one for movement, of `plain_ripple` [N]. Returns nothing and throws like design_lqg().
+/// Designs both laws of an identified axis; the one for rest may make as much ripple as a normal one for movement, of
+/// `plain_ripple` [N]. Returns nothing and throws like design_lqg().
 std::optional<LqgLaws> lqg_laws(const AxisModel& identified, const LqgNumbers& numbers, double plain_ripple);
 
 struct LqgSearchOptions {

@@ -5,7 +5,6 @@
 #include "control/design/identification.h"
 #include "control/design/inertia_identification.h"
 #include "control/design/multisine.h"
-#include "control/filters.h"
 #include "control/path/min_jerk.h"
 #include "control/pd.h"
 #include "player/calibration/calibration_plan.h"
@@ -54,9 +53,6 @@ constexpr double kDitherOfForce = kMostDither / 0.7;  // share of the permitted 
 constexpr double kLargestDither = 2;                  // rms per axis [N]
 constexpr double kLargestForce = 15;                  // bound for strong devices [N]
 constexpr double kDitherSpeed = 0.25;  // rms velocity from the excitation, as a share of the sweeps' peak speed
-constexpr int kMostSofter = 3;         // how often the gains may be halved
-constexpr double kMostRinging = 0.7;   // feedback over excitation above it, squares
-constexpr double kRinging = 15;        // [Hz]
 constexpr double kLeastMotion = 0.25;  // share of the requested speed below which a device counts as blocked
 
 // Constants of a second, gentler session. It runs when the excitation of the first one did not move the device enough
@@ -84,8 +80,9 @@ std::span<const double> sweep_sizes(bool full) {
   return full ? std::span<const double>(kFullSizes) : std::span<const double>(kQuickSizes);
 }
 
-constexpr double kWindows = 2, kMoreWindows = 8;  // number of periods of the excitation signal at the centre
-constexpr double kMostScatter = 0.08;             // between the responses in the first two, see FirstLook::scatter
+double dither_windows(bool full) {
+  return full ? 8 : 2;
+}
 
 /// Returns the frequency of the swing [Hz]. Multisine has no lines at its harmonics.
 double swing_hz(const CalibrationPlan& plan) {
@@ -230,20 +227,6 @@ class FirstLook {
     return differences[kLines / 2] < kAlike;
   }
 
-  /// Returns how much the responses along `axis` differ from those in `other`: |a - b| / (|a| + |b|), the median over
-  /// the lines.
-  [[nodiscard]] double scatter(const FirstLook& other, int axis) const noexcept {
-    std::array<double, kLines> differences{};
-    const auto i = static_cast<std::size_t>(axis);
-    for (std::size_t line = 0; line < kLines; ++line) {
-      const std::complex<double> a = sums_[i][line].position[i] / sums_[i][line].hum,
-                                 b = other.sums_[i][line].position[i] / other.sums_[i][line].hum;
-      differences[line] = std::abs(a - b) / std::max(std::abs(a) + std::abs(b), 1e-12);
-    }
-    std::sort(differences.begin(), differences.end());
-    return differences[kLines / 2];
-  }
-
   /// Returns the amplitude of the movement along `axis`, the median over the lines [m].
   [[nodiscard]] double amplitude(int axis) const noexcept {
     std::array<double, kLines> all{};
@@ -288,11 +271,7 @@ class CalibrationController final : public Controller {
         sizes_(sweep_sizes(plan.full)),
         gains_(cautious_gains(std::min(plan.device_force, kLargestForce), plan.rate_hz)),
         swing_size_(swing_size(plan)),
-        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))),
-        pulled_(FilterKind::high_pass, kRinging, plan.rate_hz),
-        hummed_(FilterKind::high_pass, kRinging, plan.rate_hz),
-        windows_(plan.full ? kMoreWindows : kWindows),
-        compared_(plan.full || plan.places.empty()) {}
+        sweep_size_(plan.reach.cwiseMin(plan.max_speed / (4 * kSweepHz))) {}
 
   /// For a device of about `mass` [kg], which sets the damping and bounds the movement to the acceleration that the
   /// force allows. The response of the first look is not judged again: its excitation hardly moves a heavy device.
@@ -344,8 +323,6 @@ class CalibrationController final : public Controller {
     }
     command.wrench.force = pull + hum;
     command.feedforward = hum;
-    listen(pull, hum, now);
-    command.renewed = tames(state, now);
 
     const double deviation = driven_part(reference.position - state.position).norm();
     if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {
@@ -493,10 +470,7 @@ class CalibrationController final : public Controller {
         break;
       case Stage::swing:
         // The reference continues where the look left it.
-        if (since >= swing_begin_ && !measures_ && !calm_ && calms_down(now)) return;
-        calm_ = since >= swing_begin_;
         measures_ = since >= swing_begin_ && since < swing_begin_ + swing_time();
-        if (measures_) compare_windows(state, now, since);
         if (since >= swing_begin_ + swing_time()) dither_wanted_ = Vec3::Zero();
         if (since >= swing_begin_ + swing_time() + kBlend) next_sweep(now);
         break;
@@ -549,21 +523,7 @@ class CalibrationController final : public Controller {
     }
   }
 
-  [[nodiscard]] double swing_time() const noexcept { return windows_ * plan_.dither.period(); }
-
-  /// Compares the responses in the first two windows, and adds further ones if the hand moves the device about as much
-  /// as the excitation does. The two looks are free during the swing.
-  void compare_windows(const State& state, double now, double since) noexcept {
-    constexpr double kEnough = 0.98;  // of a window; the rest hardly counts
-    if (compared_) return;
-    const double windows = (since - swing_begin_) / plan_.dither.period();
-    FirstLook& look = windows < 1 ? before_ : there_;
-    look.add(state, now, windows - std::floor(windows), reference(since).velocity, plan_.dither.value(now));
-    if (windows < 1 + kEnough) return;
-    compared_ = true;
-    for (int axis = 0; axis < 3; ++axis)
-      if (driven(axis) && there_.scatter(before_, axis) > kMostScatter) windows_ = kMoreWindows;
-  }
+  [[nodiscard]] double swing_time() const noexcept { return dither_windows(plan_.full) * plan_.dither.period(); }
   [[nodiscard]] double sweep_time() const noexcept {
     return (kSweepLead + static_cast<double>(sizes_.size())) / kSweepHz;
   }
@@ -615,46 +575,6 @@ class CalibrationController final : public Controller {
     dither_wanted_ = dither_measured_ = dither;
     swing_begin_ = now - began_ + kSettle;
     stage_ = Stage::swing;
-    before_.reset();
-    there_.reset();
-  }
-
-  /// Compares feedback and excitation above kRinging in the second half of the time in which the swing settles.
-  void listen(const Vec3& pull, const Vec3& hum, double now) noexcept {
-    const Vec3 pulled = pulled_.update(pull), hummed = hummed_.update(hum);
-    if (stage_ != Stage::swing || measures_ || now - began_ < swing_begin_ - 0.5 * kSettle) return;
-    pull_ripple_ += pulled.cwiseAbs2();
-    hum_ripple_ += hummed.cwiseAbs2();
-  }
-
-  /// Halves the gains of the axes on which the loop amplifies the excitation, and lets the movement settle again.
-  /// Returns false if there is none. Gains for the mass that the look saw drive a link that swings.
-  [[nodiscard]] bool calms_down(double now) noexcept {
-    if (softer_ >= kMostSofter) return false;
-    bool rings = false;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (!driven(axis) || !(pull_ripple_[axis] > kMostRinging * hum_ripple_[axis])) continue;
-      gains_.kp[axis] *= 0.5;
-      gains_.kd[axis] *= 0.5;
-      rings = true;
-    }
-    pull_ripple_ = hum_ripple_ = Vec3::Zero();
-    if (!rings) return false;
-    ++softer_;
-    swing_begin_ = now - began_ + kSettle;
-    return true;
-  }
-
-  /// Halves all gains after a vibration, which the loop has softened meanwhile. Returns true if it did.
-  [[nodiscard]] bool tames(const State& state, double now) noexcept {
-    if (!state.vibrated || softer_ >= kMostSofter) return false;
-    ++softer_;
-    for (PdGains* gains : {&gains_, &centre_gains_}) {
-      gains->kp *= 0.5;
-      gains->kd *= 0.5;
-    }
-    if (stage_ == Stage::swing && !measures_) swing_begin_ = now - began_ + kSettle;
-    return true;
   }
 
   void stop(Verdict verdict, int axis) noexcept {
@@ -729,15 +649,9 @@ class CalibrationController final : public Controller {
   Vec3 home_ = Vec3::Zero();
   Vec3 around_ = Vec3::Zero();  ///< centre of the movement
   std::size_t place_ = 0;
-  BasicButterworth2<Vec3> pulled_, hummed_;                      ///< high passes of the feedback and of the excitation
-  Vec3 pull_ripple_ = Vec3::Zero(), hum_ripple_ = Vec3::Zero();  ///< sums of their squares [N^2]
-  double windows_;                                               ///< of the swing
-  bool compared_;                                                ///< the windows were compared, or need not be
-  bool calm_ = false;                                            ///< the gains suit the device
-  int softer_ = 0;                                               ///< how often the gains were halved
-  bool pulsed_ = false;                                          ///< the pulses began
-  int left_out_ = 0;                                             ///< places
-  double pulse_force_ = 0, pulse_time_ = kLongestPulse;          ///< largest pulse of an axis [N], and its duration [s]
+  bool pulsed_ = false;                                  ///< the pulses began
+  int left_out_ = 0;                                     ///< places
+  double pulse_force_ = 0, pulse_time_ = kLongestPulse;  ///< largest pulse of an axis [N], and its duration [s]
   Approach approach_, travel_;
   double began_ = 0, look_begin_ = kSettle, swing_begin_ = 0;
   Vec3 dither_ = Vec3::Zero(), dither_wanted_ = Vec3::Zero();  ///< rms per axis [N]
@@ -1118,8 +1032,8 @@ void add_places(const DeviceInfo& device, CalibrationPlan& plan) {
 double planned_duration(const CalibrationPlan& plan) {
   const auto axes = static_cast<int>(std::ranges::count(plan.axes, true));
   const double sweep = 0.5 + static_cast<double>(sweep_sizes(plan.full).size());
-  double duration = 3 * kBlend + 2 * kSettle + kLook + (plan.full ? kMoreWindows : kWindows) * plan.dither.period() +
-                    axes * sweep / kSweepHz;
+  double duration =
+      3 * kBlend + 2 * kSettle + kLook + dither_windows(plan.full) * plan.dither.period() + axes * sweep / kSweepHz;
   if (plan.pulses) duration += axes * (0.5 + static_cast<double>(kPulseSizes.size())) / kPulsedHz;
   Vec3 from = plan.centre;
   for (const Vec3& place : plan.places) {
@@ -1187,25 +1101,12 @@ class CalibrationRun {
     CalibrationController controller(plan_);
     CalibrationLog log(controller, rows());
     if (measured(controller, log, options_.session)) {
-      Experiment experiment = log.experiment(plan_);
-      take_model(identify(experiment));
-      std::vector<TickRow> rows;
-      if (const PlantModel& plant = result_.identification.plant; plant.cogging) {
-        rows = without_cogging(experiment, *plant.cogging, plant.delay);
-        experiment.rows = rows;
-      }
-      HeldIdentification held;
-      if (options_.laws) held = identify_held(experiment, result_.identification);
-      const std::string doubt = result_.identification.reason;  // empty if the device responds like a mass
-      if (!doubt.empty())
-        if (Identification other = identify_as_held(experiment, held); other.fits) take_model(std::move(other));
+      take_model(identify(log.experiment(plan_)));
       if (result_.identification.fits) {
-        design(experiment, held);
-        if (doubt.empty() || !result_.reason.empty() || some_law_passed()) return std::move(result_);
-        result_.design.reset();
-        result_.held.reset();
+        design(log.experiment(plan_));
+        return std::move(result_);
       }
-      result_.doubt = doubt;
+      result_.doubt = result_.identification.reason;
       take_model(identify_coarsely(log.experiment(plan_)));
     } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
       return std::move(result_);
@@ -1218,14 +1119,6 @@ class CalibrationRun {
   }
 
  private:
-  /// Returns whether a law passed its trial. A model in which a device does not respond like a mass needs that.
-  [[nodiscard]] bool some_law_passed() const {
-    const auto passed = [](const LawVerdict& verdict) { return verdict.tried && verdict.refused.empty(); };
-    return result_.held && (passed(result_.held->observer) ||
-                            std::ranges::any_of(result_.held->designs,
-                                                [&](const LqgDesign& design) { return passed(design.verdict); }));
-  }
-
   /// Returns the number of rows to keep of a session.
   [[nodiscard]] std::size_t rows() const {
     constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
@@ -1266,11 +1159,17 @@ class CalibrationRun {
   }
 
   /// Designs the laws for a full model, and tries them.
-  void design(const Experiment& experiment, const HeldIdentification& found) {
+  void design(Experiment experiment) {
+    std::vector<TickRow> rows;
+    if (const PlantModel& plant = result_.identification.plant; plant.cogging) {
+      rows = without_cogging(experiment, *plant.cogging, plant.delay);
+      experiment.rows = rows;
+    }
     result_.design =
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
-    HeldDevice held = held_device(result_.identification, found, plan_.rate_hz, plan_.device_force);
+    HeldDevice held = held_device(result_.identification, identify_held(experiment, result_.identification),
+                                  plan_.rate_hz, plan_.device_force);
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))

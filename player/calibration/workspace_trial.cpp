@@ -96,9 +96,6 @@ class PlaceFigures final : public SampleSink {
 /// control where the mass is small, and a tour is too short for it to learn the load there.
 constexpr double kMostWorse = 1.3;
 
-/// Improvement at every place from which a report of the oscillation monitor does not refuse a law.
-constexpr double kClearlyBetter = 1.5;
-
 bool force_sufficed(const TourResult& law, const TourResult& plain, std::size_t place) {
   constexpr double kMostSaturated = 0.01;
   return law.saturated[place] <= kMostSaturated && plain.saturated[place] <= kMostSaturated;
@@ -137,8 +134,7 @@ double least_improvement(const TourResult& law, const TourResult& plain) noexcep
 
 std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple) {
   if (!law.finished()) return "it ended early: " + law.session.servo.detail;
-  // A hand that trembles raises the alarm as well, but then the law is accurate and does not ripple.
-  if (law.oscillations > 0 && !(least_improvement(law, plain) > kClearlyBetter)) return "it oscillates";
+  if (law.oscillations > 0) return "it oscillates";
   double own = 0, other = 0;  // sums of squares over the places where the force sufficed
   for (std::size_t i = 0; i < law.rms_error.size(); ++i) {
     const double away = 1e3 * (tour.places[i] - tour.places.front()).norm();  // [mm]

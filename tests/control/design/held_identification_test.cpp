@@ -39,11 +39,11 @@ struct HeldBench {
     return held();
   }
 
-  [[nodiscard]] Experiment experiment() const {
-    return {.rows = rows, .rate_hz = kServoRate, .dither = &dither, .dithered = dithered, .sweeps = {}};
+  [[nodiscard]] HeldIdentification held() const {
+    const Experiment experiment{
+        .rows = rows, .rate_hz = kServoRate, .dither = &dither, .dithered = dithered, .sweeps = {}};
+    return identify_held(experiment, identify(experiment));
   }
-
-  [[nodiscard]] HeldIdentification held() const { return identify_held(experiment(), identify(experiment())); }
 
   [[nodiscard]] Vec3 apparent_mass() const { return mass.inverse().diagonal().cwiseInverse(); }
 
@@ -213,35 +213,6 @@ TEST(HeldIdentification, FindsALinkThatSwings) {
   }
   EXPECT_NEAR(kServoRate * found.held.delay, 1, 1e-6);
   EXPECT_NEAR(found.held.lag, bench.lag, 0.2e-3);
-}
-
-TEST(HeldIdentification, TakesAStiffSpringForALinkAndNotForAHandWhoseGripNobodyHas) {
-  // The device alone does not respond like a mass: its link has a third of it and swings at 45 Hz, in a hand.
-  HeldBench bench;
-  bench.with_mass(0.25 * Eigen::Matrix3d::Identity());
-  bench.link = {.mass = 0.14, .stiffness = 11000, .damping = 4};
-  const HeldIdentification found = bench.identified(4);
-  ASSERT_TRUE(found.held.flexible());
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const LinkModel& link = found.held.link[axis];
-    EXPECT_NEAR(found.held.mass[static_cast<int>(axis)] + link.mass, 0.39, 0.06);
-    EXPECT_NEAR(std::sqrt(link.stiffness / link.mass) / kFullTurn, std::sqrt(11000 / 0.14) / kFullTurn, 5);
-  }
-}
-
-TEST(LineSpectrum, ShowsTheTremorOfAHandAsNoiseAtTheLowLinesAlone) {
-  const auto noise = [](double tremor) {
-    HeldBench bench;
-    bench.tremor = tremor;
-    (void)bench.identified(4);
-    const LineSpectrum spectrum = spectrum_of(bench.experiment());
-    return std::pair(spectrum.lines.front().noise, spectrum.lines.back().noise);
-  };
-  const auto [low, high] = noise(0.04);
-  const auto [low_in_tremor, high_in_tremor] = noise(1);
-  EXPECT_GT(low_in_tremor, 4 * low);
-  EXPECT_LT(high_in_tremor, 0.1 * low_in_tremor);
-  EXPECT_GT(high, 0);
 }
 
 TEST(HeldIdentification, ModelsNothingWhenTheDeviceDoesNotRespond) {

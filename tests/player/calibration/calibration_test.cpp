@@ -221,38 +221,6 @@ TEST(Calibration, ReachesPlacesWhereTheDeviceHasAFifthOfItsMass) {
   }
 }
 
-TEST(Calibration, ModelsALinkThatSwingsInAHandAndTriesLawsForIt) {
-  // Gains for the mass that the first look sees make it ring; they are halved.
-  const EnsembleDraw draw = draw_device(1, 4, EnsembleKind::link);
-  SimDevice device(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult result = calibrated(device, whole());
-  ASSERT_TRUE(result.succeeded()) << result.reason;
-  EXPECT_FALSE(result.identification.coarse) << result.doubt;
-  EXPECT_EQ(result.doubt, "");
-  ASSERT_TRUE(result.held);
-  EXPECT_TRUE(result.held->model.flexible());
-  const double least = draw.spec.mass.minCoeff(), most = draw.spec.mass.maxCoeff();
-  for (int axis = 0; axis < 3; ++axis) {
-    EXPECT_GT(result.identification.plant.mass[axis], 0.9 * least);
-    EXPECT_LT(result.identification.plant.mass[axis], 1.1 * most);
-    EXPECT_GT(result.held->model.link[static_cast<std::size_t>(axis)].mass, 0.3 * least);
-  }
-  const LawVerdict& normal = result.held->design(Firmness::normal).verdict;
-  EXPECT_EQ(normal.refused, "");
-  EXPECT_GT(normal.improvement, 2);
-}
-
-TEST(Calibration, MeasuresLongerInAHandThatTrembles) {
-  const auto duration = [](EnsembleKind kind) {
-    const EnsembleDraw draw = draw_device(1, 1, kind);
-    SimDevice device(draw.spec, {.seed = draw.noise_seed});
-    CalibrationOptions chosen = whole();
-    chosen.laws = false;
-    return calibrated(device, chosen).session.servo.duration;
-  };
-  EXPECT_NEAR(duration(EnsembleKind::tremor_one) - duration(EnsembleKind::late), 9, 1) << "six windows of 1.5 s";
-}
-
 TEST(Calibration, KeepsStiffPdControlAsTheLastResortOfADeviceThatIsStableUnderIt) {
   SimDevice strong(preset("falcon", "relaxed")), light(preset("touch", "relaxed"));
   const CalibrationResult stable = calibrated(strong, whole()), unstable = calibrated(light, whole());
