@@ -567,7 +567,8 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   double most = 0;
   for (const MatrixXd& block : swept.blocks) most = std::max(most, block.col(kColumns).cwiseAbs().maxCoeff());
   for (const Sliding& part : swept.parts) most = std::max(most, part.columns.col(kColumns).cwiseAbs().maxCoeff());
-  if (!(fit.coulomb <= most && std::abs(fit.gravity) <= most)) return {};
+  constexpr double kFar = 100;  // gravity is that at the origin, which may be far from the sweeps
+  if (!(fit.coulomb <= most && std::abs(fit.gravity) <= kFar * most)) return {};
   return fit;
 }
 
