@@ -28,6 +28,8 @@ constexpr int kLimits = 33;             // number of limits that are compared; t
 constexpr double kJudged = 20e-3;       // time for which a force must have been sent to count as tried [s]
 constexpr double kClearly = 1.2;        // least ratio of the unexplained shares without and with a limit
 constexpr double kBelow = 0.95;         // share of what was tried below which a limit's interval must end
+constexpr double kMostUncertain = 0.2;  // largest half width of the interval, as a share of the limit: backlash and
+                                        // links look like a limit that the data hardly determine
 // Error of the limit beside its scatter, as a share: hands and friction that the model knows only roughly.
 constexpr double kLimitLeftOut = 0.06;
 constexpr int kDrifts = 4;                  // number of cosines that model a slow drift
@@ -244,7 +246,7 @@ MotorLimit identify_motor_limit(const Experiment& experiment) {
       variance += std::pow(best_limit(unexplained(best, axis, b), limits) - limit, 2) * (count - 1) / count;
   }
   const double half = std::hypot(kInterval95 * std::sqrt(variance), kLimitLeftOut * limit);
-  if (!(limit > limits.front() && limit + half < kBelow * result.tried)) return result;
+  if (!(limit > limits.front() && limit + half < kBelow * result.tried && half < kMostUncertain * limit)) return result;
   result.force = limit;
   result.half_width = half;
   return result;

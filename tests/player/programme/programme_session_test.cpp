@@ -599,25 +599,6 @@ TEST_F(ProgrammeSession, KeepsAChangedTunnelForTheExerciseAndLogsIt) {
   EXPECT_EQ(live.history()["changes"][0]["recording"], log.trials[0].file);
 }
 
-TEST_F(ProgrammeSession, KeepsAChangedSupportForTheExerciseAndLogsIt) {
-  LiveGuidance live({.programme = true});
-  options_.live = &live;
-  std::string answer;
-  options_.ended = [&](const LoggedTrial& trial) {
-    if (trial.exercise == 0 && trial.repetition == 1) answer = live.obey("support 0.6");
-  };
-  const SessionLog log = run(programme_of({R"("mode": "tunnel", "support": 1, "repetitions": 2)",
-                                           R"("mode": "free", "support": 1)", R"("mode": "free")"}))
-                             .log;
-  EXPECT_EQ(answer, "ok support 0.6");
-  ASSERT_EQ(log.trials.size(), 4U);
-  EXPECT_EQ(log.trials[0].settings.support, 1) << "the change came after it";
-  EXPECT_EQ(log.trials[1].settings.support, 0.6);
-  EXPECT_EQ(RecordingReader(file(log.trials[1].file)).header().config["support"], 0.6);
-  EXPECT_EQ(log.trials[2].settings.support, 1) << "another exercise";
-  EXPECT_EQ(log.trials[3].settings.support, std::nullopt);
-}
-
 TEST_F(ProgrammeSession, AnnouncesTheValuesThatCommandsSetAndNotThoseOfTheProgramme) {
   LiveGuidance live({.programme = true});
   options_.live = &live;
