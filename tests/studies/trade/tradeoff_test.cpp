@@ -348,7 +348,7 @@ TEST(Trade, WritesAConfigurationForEveryVerb) {
   configuration.thin = 10;
   const Storage storage{.deflate = 1, .precision = parse_precision("1um")};
   const nlohmann::json json = config_file(configuration, {}, "p.json", &storage);
-  EXPECT_EQ(json["play"]["without"], nlohmann::json({"friction", "learning"}));
+  EXPECT_EQ(json["play"]["without"], nlohmann::json({"friction", "cogging", "learning"}));
   EXPECT_EQ(json["play"]["thin"], 10);
   EXPECT_FALSE(json["play"].contains("law"));
   configuration.law = "quiet";
