@@ -29,7 +29,7 @@ Vec3 StandInLaw::force(const TermInput& input) noexcept {
   stands_in_ |= renewed_;
   if (!stands_in_) return law_->force(input);
   weight_ = std::min(1.0, weight_ + input.state.dt / kBlend);
-  const Vec3 plain = pd_force(plain_of(input.tuning), input.state, input.reference);
+  Vec3 plain = pd_force(plain_of(input.tuning), input.state, input.reference);
   if (weight_ == 1) return plain;
   return (1 - weight_) * law_->force(input) + weight_ * plain;
 }
