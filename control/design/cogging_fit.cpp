@@ -108,7 +108,8 @@ MatrixXd integrated(const MatrixXd& values) {
 }
 
 /// Returns a basis of the regressors of a piece: a drift, friction along each axis, and the movement, with the hand's
-/// grip and mass in powers of frequency from -2 on. Of a device of known mass, these are damping and stiffness alone.
+/// grip and mass in powers of frequency from -2 on. If the mass is known, only damping and stiffness are among the
+/// regressors of the movement.
 MatrixXd basis_of(const MatrixXd& x, const MatrixXd& v, const MatrixXd& a, bool known_mass) {
   const Index n = x.rows();
   const Index drifts = 1 + static_cast<Index>(std::floor(2 * kDrift * kStep * static_cast<double>(n)));
@@ -336,7 +337,7 @@ double refine(Pieces pieces, std::vector<CoggingWave>& waves, int steps) {
 /// Spectrum of the force over the wave number.
 class Spectrum {
  public:
-  /// Of what `waves` leave unexplained.
+  /// The spectrum of the loads without the forces of `waves`.
   Spectrum(Pieces pieces, std::span<const CoggingWave> waves, double period) {
     const auto every = static_cast<Index>(std::max(1.0, std::round(kSample / period)));
     std::vector<Vec3> places, loads;
