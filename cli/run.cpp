@@ -429,6 +429,14 @@ void note_supports(const Programme& programme, const DeviceInfo& device, Session
   }
 }
 
+/// Prints the plan and the warnings that a real run would have, and returns the exit code.
+int dry_run(const RunArguments& arguments, const Programme& programme, const ProgrammePlan& plan,
+            const std::optional<DeviceInfo>& device, const Output& output) {
+  if (device) note_supports(programme, *device, arguments.session.options("", {}), output);
+  output.tell(to_json(plan, programme), plan_text(programme, plan));
+  return kDone;
+}
+
 /// Prints the notes of the device, and a warning if its time does not wait for answers to the programme's questions.
 void note_device(const RunArguments& arguments, const Programme& programme, const DeviceInfo& device,
                  const Output& output) {
@@ -478,11 +486,7 @@ int run_command(CLI::App& verb, RunArguments& arguments, const Output& output) {
   if (!arguments.session.device.empty()) device = devices.info();
   std::optional<ProgrammePlan> plan;
   if (!resumes) plan = noted_plan(arguments, programme, device, output);
-  if (arguments.dry_run) {
-    if (device) note_supports(programme, *device, arguments.session.options("", {}), output);
-    output.tell(to_json(*plan, programme), plan_text(programme, *plan));
-    return kDone;
-  }
+  if (arguments.dry_run) return dry_run(arguments, programme, *plan, device, output);
   require(verb, "--device");
   note_device(arguments, programme, *device, output);
 
