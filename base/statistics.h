@@ -1,9 +1,12 @@
-// Order statistics.
+// Order statistics, and a quantile of the normal distribution.
 #pragma once
 
 #include <vector>
 
 namespace haptrace {
+
+/// Half of the 95 % confidence interval of a normal variable [standard deviations].
+inline constexpr double kInterval95 = 1.96;
 
 /// Returns the median: the mean of the two middle values if their number is even, NaN if there are none. NaN is not
 /// allowed as a value.

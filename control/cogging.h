@@ -1,6 +1,7 @@
 // A force that is locked to the place: cogging of motors, and cables that press from pulley to pulley.
 #pragma once
 
+#include "base/statistics.h"
 #include "base/types.h"
 
 #include <cmath>
@@ -33,13 +34,12 @@ struct Cogging {
   ///
   /// Real-time.
   [[nodiscard]] Vec3 force(const Vec3& position, const Vec3& off = Vec3::Zero()) const noexcept {
-    constexpr double kInterval = 1.96;
     const Vec3 d = position - centre;
     Vec3 sum = Vec3::Zero();
     for (const CoggingWave& wave : waves) {
       const Vec3& k = wave.wave_number;
       const double phase = k.dot(d), other = k.dot(off);
-      const double variance = (wave.wave_number_half / kInterval).cwiseProduct(d).squaredNorm() + other * other;
+      const double variance = (wave.wave_number_half / kInterval95).cwiseProduct(d).squaredNorm() + other * other;
       const double value = wave.cosine * std::cos(phase) + wave.sine * std::sin(phase);
       sum += std::exp(-0.5 * variance) * value / std::sqrt(k.squaredNorm()) * k;
     }

@@ -1,4 +1,4 @@
-// Length of a vector, at the cost of a square root.
+// Length of a vector, at the cost of a square root, and vectors of at most a length.
 #pragma once
 
 #include "base/types.h"
@@ -14,6 +14,12 @@ namespace haptrace {
   const double square = v.squaredNorm();
   if (square > kSmallest && square < kLargest) return std::sqrt(square);
   return v.x() == 0 && v.y() == 0 && v.z() == 0 ? 0 : v.stableNorm();
+}
+
+/// Returns `v`, shortened to the length `most` >= 0 if it is longer. Real-time.
+[[nodiscard]] inline Vec3 shortened(const Vec3& v, double most) noexcept {
+  const double length = norm_of(v);
+  return length > most ? Vec3(most / length * v) : v;
 }
 
 }  // namespace haptrace

@@ -167,7 +167,7 @@ Contact SlowScene::extrapolated(Contact contact) const noexcept {
   const double most = kMostOver * norm_of(contact.force);
   contact.force += ahead * (contact.force - force_before);
   contact.force -= std::min(0.0, contact.force.dot(contact.normal)) * contact.normal;
-  if (const double size = norm_of(contact.force); size > most) contact.force *= most / size;
+  contact.force = shortened(contact.force, most);
   return contact;
 }
 

@@ -1,5 +1,6 @@
 #include "control/design/cogging_fit.h"
 
+#include "base/statistics.h"
 #include "control/design/dense.h"
 #include "control/design/line_spectrum.h"
 #include "control/feedforward.h"

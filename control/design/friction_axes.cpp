@@ -1,5 +1,6 @@
 #include "control/design/friction_axes.h"
 
+#include "base/statistics.h"
 #include "control/design/dense.h"
 #include "control/design/line_spectrum.h"
 #include "control/design/nelder_mead.h"

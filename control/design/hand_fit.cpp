@@ -1,5 +1,6 @@
 #include "control/design/hand_fit.h"
 
+#include "base/statistics.h"
 #include "control/design/dense.h"
 
 #include <Eigen/Cholesky>

@@ -1,5 +1,6 @@
 #include "control/design/identification.h"
 
+#include "base/statistics.h"
 #include "control/design/cogging_fit.h"
 #include "control/design/dense.h"
 #include "control/design/friction_axes.h"

@@ -10,7 +10,6 @@
 namespace haptrace {
 
 inline constexpr double kTwoPi = 2 * std::numbers::pi;
-inline constexpr double kInterval95 = 1.96;  ///< half of a 95 % confidence interval [standard deviations]
 
 /// Amplitudes of position [m] and force [N] at one spectral line, averaged coherently over all windows.
 struct LineResponse {

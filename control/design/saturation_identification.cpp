@@ -1,6 +1,8 @@
 #include "control/design/saturation_identification.h"
 
+#include "base/statistics.h"
 #include "control/design/dense.h"
+#include "control/norm.h"
 
 #include <algorithm>
 #include <array>
@@ -35,11 +37,6 @@ constexpr double kLimitLeftOut = 0.06;
 constexpr int kDrifts = 4;                  // number of cosines that model a slow drift
 constexpr std::array kSlides{5e-3, 30e-3};  // speeds at which friction has 76 % of its force [m/s]
 constexpr int kColumns = 6 + static_cast<int>(kSlides.size()) + kDrifts;
-
-Vec3 shortened(const Vec3& force, double limit) {
-  const double size = force.norm();
-  return size > limit ? Vec3(limit / size * force) : force;
-}
 
 /// The normal equations of a stretch of rows for every limit.
 struct Block {

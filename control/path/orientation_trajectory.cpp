@@ -1,5 +1,7 @@
 #include "control/path/orientation_trajectory.h"
 
+#include "control/norm.h"
+
 #include <algorithm>
 
 namespace haptrace {
@@ -24,11 +26,6 @@ Vec3 left_jacobian_inverse(const Vec3& r, const Vec3& w) {
   return w - 0.5 * once + c * r.cross(once);
 }
 
-Vec3 limited_to(const Vec3& v, double most) {
-  const double length = v.norm();
-  return length > most ? Vec3(v * (most / length)) : v;
-}
-
 }  // namespace
 
 OrientationTrajectory::OrientationTrajectory(const Path& piece, Interpolation interpolation, double begin, double end)
@@ -51,8 +48,8 @@ OrientationTrajectory::OrientationTrajectory(const Path& piece, Interpolation in
   for (std::size_t i = 1; i + 1 < n; ++i) {
     const Vec3 before = chord(i - 1), after = chord(i);
     const double span_before = time_[i] - time_[i - 1], span_after = time_[i + 1] - time_[i];
-    rate_[i] = limited_to((span_after * before + span_before * after) / (span_before + span_after),
-                          3 * std::min(before.norm(), after.norm()));
+    rate_[i] = shortened((span_after * before + span_before * after) / (span_before + span_after),
+                         3 * std::min(before.norm(), after.norm()));
   }
 }
 

@@ -151,10 +151,10 @@ Vec3 position_noise(std::span<const Path> stretches) {
   }
   // If most samples are farther apart, they are waypoints.
   if (misses[0].empty() || 2 * misses[0].size() < rows) return Vec3::Zero();
-  constexpr double kQuantile = 0.95, kSigmas = 1.96;  // of the normal distribution
+  constexpr double kQuantile = 0.95;
   Vec3 noise;
   for (int axis = 0; axis < 3; ++axis) {
-    noise[axis] = std::max(quantile(misses[static_cast<std::size_t>(axis)], kQuantile) / kSigmas,
+    noise[axis] = std::max(quantile(misses[static_cast<std::size_t>(axis)], kQuantile) / kInterval95,
                            quantum(stretches, axis) / std::sqrt(12.0));
     if (noise[axis] > kLargestNoise || noise[axis] < kSmallestNoise) noise[axis] = 0;
   }

@@ -1,6 +1,6 @@
 #include "studies/trade/stand_in.h"
 
-#include "control/design/line_spectrum.h"
+#include "base/statistics.h"
 #include "devices/sim/noise.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"

@@ -1,0 +1,210 @@
+#include "player/calibration/calibration_trials.h"
+
+#include "control/pd.h"
+#include "player/calibration/law_trial.h"
+#include "player/calibration/workspace_trial.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+#include <optional>
+#include <span>
+#include <utility>
+
+namespace haptrace {
+namespace {
+
+/// Tries the laws at the centre and at places that the device reached before, and notes in the result what came of it.
+class LawTrials {
+ public:
+  /// Borrows everything but the places.
+  LawTrials(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
+            const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
+            CalibrationResult& result)
+      : device_(device),
+        plan_(plan),
+        options_(options),
+        stop_(stop),
+        progress_(progress),
+        result_(result),
+        tour_{.places = {plan.centre},
+              .radius = plan.swing_size(),
+              .speed = plan.max_speed,
+              .max_deviation = plan.max_deviation,
+              .session = options.session},
+        most_ripple_(kMostRipple * plan.device_force) {
+    const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
+    for (const ExperimentPlace& place : places)
+      if (std::ranges::find(farthest, place.position) != farthest.end()) tour_.places.push_back(place.position);
+    tour_.session.loop.limits.max_force = plan.max_force;
+  }
+
+  /// A law that fails is designed again for a mass that differs more; if that fails too, the softer ones are tried.
+  /// Returns early if the user or the device ends it.
+  void run() {
+    if (!try_plain() || !judge_firmness(Firmness::normal)) return;
+    if (is_refused(Firmness::normal) && !result_.held->one_mass) {
+      result_.held->one_mass = true;
+      if (!design_laws(*result_.held, plan_.rate_hz, stop_, options_.searching))
+        return end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
+      if (!judge_firmness(Firmness::normal)) return;
+    }
+    const bool refused = is_refused(Firmness::normal);
+    if ((refused || options_.full) && !judge_firmness(Firmness::quiet)) return;
+    if (options_.full && !judge_firmness(Firmness::exact)) return;
+    if (!refused) return;
+    refuse_unless_worthwhile(result_.held->design(Firmness::quiet).verdict);
+    if (!is_refused(Firmness::quiet)) return;
+    law_.law = TrackingLaw::observer;
+    law_.firmness.reset();
+    if (!judge(result_.design->ripple, result_.held->observer)) return;
+    refuse_unless_worthwhile(result_.held->observer);
+  }
+
+ private:
+  static constexpr double kMostRipple = 0.04;  ///< share of the largest force
+  static constexpr double kStiffMargin = 1.2;  ///< of stiff PD control on the free device
+  static constexpr double kWorthwhile = 2;     ///< least improvement of a law after another one was refused
+
+  [[nodiscard]] TourResult tried() {
+    law_.identified = result_.identified();
+    return toured(device_, law_, tour_, stop_, progress_);
+  }
+
+  /// Returns true if the user or the device ended the tour, and then ends the calibration.
+  [[nodiscard]] bool ended(const TourResult& toured) {
+    const StopCause cause = toured.session.servo.cause;
+    if (cause != StopCause::interrupted && cause != StopCause::device_lost) return false;
+    end_early(cause, "the trial of the laws ended early: " + toured.session.servo.detail, result_);
+    return true;
+  }
+
+  /// Tries plain PD control, with which the laws are compared. No law may be worse than stiff PD control, if the device
+  /// stays stable under it. Returns false if the user or the device ended it.
+  [[nodiscard]] bool try_plain() {
+    law_.compensations = {};
+    std::optional<TourResult> plain;
+    if (is_stable(result_.identification.plant, stiff_gains(), kStiffMargin, plan_.rate_hz)) {
+      const PdGains designed = std::exchange(result_.design->plain, stiff_gains());
+      plain = tried();
+      if (ended(*plain)) return false;
+      if (!plain->finished() || plain->oscillations > 0 || std::ranges::max(plain->ripple) > most_ripple_) {
+        result_.design->plain = designed;
+        plain.reset();
+      }
+    }
+    if (!plain) plain = tried();
+    if (ended(*plain)) return false;
+    plain_ = std::move(*plain);
+    law_.compensations = PlayOptions{}.compensations;
+    return true;
+  }
+
+  /// Tries the law and sets its verdict. Returns false if the user or the device ended it.
+  [[nodiscard]] bool judge(double predicted_ripple, LawVerdict& verdict) {
+    const TourResult toured = tried();
+    if (ended(toured)) return false;
+    verdict = {.tried = true,
+               .improvement = plain_.finished() && toured.finished() ? least_improvement(toured, plain_) : 0,
+               .refused = refusal_of(toured, plain_, tour_,
+                                     std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple()))};
+    return true;
+  }
+
+  /// Returns the rms of the force that compensates for cogging while the device moves [N].
+  [[nodiscard]] double cogging_ripple() const {
+    double squares = 0;
+    if (const auto& cogging = result_.identification.plant.cogging)
+      for (const CoggingWave& wave : cogging->waves) squares += 0.5 * std::pow(wave.amplitude(), 2);
+    return std::sqrt(squares);
+  }
+
+  /// Judges the LQG law of this firmness, as judge() does.
+  [[nodiscard]] bool judge_firmness(Firmness firmness) {
+    law_.law = TrackingLaw::lqg;
+    law_.firmness = firmness;
+    LqgDesign& design = result_.held->design(firmness);
+    return judge(design.figures.ripple, design.verdict);
+  }
+
+  /// Refuses a law that would come second, but is hardly better than plain PD control at some place. The model failed
+  /// on this device, and plain PD control that learns follows at least as well.
+  static void refuse_unless_worthwhile(LawVerdict& verdict) {
+    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
+    verdict.refused = fmt::format(
+        "another one was refused, and at one place this one is only {:.2f} times as accurate as plain PD control",
+        verdict.improvement);
+  }
+
+  [[nodiscard]] bool is_refused(Firmness firmness) const {
+    return !result_.held->design(firmness).verdict.refused.empty();
+  }
+
+  Device& device_;
+  const CalibrationPlan& plan_;
+  const CalibrationOptions& options_;
+  const StopRequest& stop_;
+  const Progress& progress_;
+  CalibrationResult& result_;
+  WorkspaceTour tour_;
+  double most_ripple_;  ///< [N]
+  PlayOptions law_;
+  TourResult plain_;  ///< of plain PD control
+};
+
+}  // namespace
+
+void end_early(StopCause cause, const std::string& reason, CalibrationResult& result) {
+  result.session.servo.cause = cause;
+  result.session.servo.detail = result.reason = reason;
+  result.design.reset();
+  result.held.reset();
+}
+
+void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
+                 const Progress& progress, CalibrationResult& result) {
+  constexpr std::array kBandwidths{1.0, 0.7, 0.5, 0.35};
+  LawTrialOptions options{.centre = plan.centre,
+                          .radius = plan.swing_size(),
+                          .speed = plan.max_speed,
+                          .max_deviation = plan.max_deviation,
+                          .session = session};
+  // The speed on the circle, including its vertical movement at twice the frequency, stays within what the force
+  // allows.
+  const double acceleration =
+      CalibrationPlan::kInertiaShare * plan.max_force / result.identification.plant.mass.maxCoeff();
+  options.speed = std::min(options.speed, std::sqrt(acceleration * options.radius / std::sqrt(5.0)));
+  options.session.loop.limits.max_force = plan.max_force;
+  for (const double bandwidth : kBandwidths) {
+    TrackingDesign design = design_tracking(
+        result.identification.plant, {.rate_hz = plan.rate_hz, .max_force = plan.device_force, .bandwidth = bandwidth});
+    // A trial shows stability only up to its own gains.
+    design.largest = {(kTrialRaise * design.gains.kp).cwiseMin(kLargestKp),
+                      (kTrialRaise * design.gains.kd).cwiseMin(kLargestKd)};
+    const LawTrial trial = try_out(device, {result.identification.plant, design}, options, stop, progress);
+    ++result.trials;
+    if (trial.passed()) {
+      result.design = design;
+      result.bandwidth = bandwidth;
+      result.reason.clear();
+      return;
+    }
+    result.reason =
+        fmt::format("{}; the trial of a control law for a coarse model failed: {}", result.doubt, trial.reason);
+    const StopCause cause = trial.session.servo.cause;
+    if (cause == StopCause::interrupted || cause == StopCause::device_lost) {
+      result.session.servo.cause = cause;
+      result.session.servo.detail = trial.session.servo.detail;
+      return;
+    }
+  }
+}
+
+void try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
+              const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
+              CalibrationResult& result) {
+  LawTrials(device, plan, places, options, stop, progress, result).run();
+}
+
+}  // namespace haptrace
