@@ -1,5 +1,6 @@
 #include "base/error.h"
 #include "base/json_reader.h"
+#include "base/rfc3339.h"
 #include "base/suggest.h"
 #include "base/units.h"
 #include "base/vectors.h"
@@ -20,6 +21,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
 #include <numbers>
@@ -280,6 +282,23 @@ bool keep_learned(LearnedMemory& memory, const PlayResult& result, nlohmann::jso
   }
 }
 
+/// Notes in the profile that the law vibrated, if it did. The results of the session stay valid if that fails.
+void keep_verdict(const std::string& file, const PlayOptions& options, DeviceProfile profile, PlayResult& result,
+                  const Output& output) {
+  if (!profile.held) return;
+  const std::string now = rfc3339(std::chrono::system_clock::now());
+  const std::string text = refuse_vibrated(result, options, now, *profile.held);
+  if (text.empty()) return;
+  try {
+    save_profile(profile, file, true);
+  } catch (const Error& error) {
+    output.remark(fmt::format("{}; the profile does not know that the law vibrated", error.what()));
+    return;
+  }
+  result.session.warn(Severity::warning, "law_refused", text);
+  output.warn(result.session.warnings.back());
+}
+
 void add_path_options(CLI::App& verb, PlayArguments& arguments) {
   verb.add_option("--speed", arguments.speed, "speed as a multiple of the path's own speed")
       ->capture_default_str()
@@ -470,7 +489,9 @@ int play_command(const CLI::App& verb, PlayArguments& arguments, const Output& o
   const Keys keys(options.session.recording ? options.session.recording->options.annotations : nullptr,
                   arguments.session.mark_texts, arguments.session.keys, tuning, Keys::play_keys());
   const double expected = expected_duration(plan, options.playback);
-  const PlayResult result = play(*device, plan, options, stop, progress_bar(output, expected, &keys, &tuning));
+  PlayResult result = play(*device, plan, options, stop, progress_bar(output, expected, &keys, &tuning));
+
+  if (profile) keep_verdict(arguments.profile.used(info), options, *profile, result, output);
 
   nlohmann::json json = to_json(result);
   json["tuning"] = tuning.history();

@@ -4,6 +4,7 @@
 #include "base/types.h"
 
 #include <cmath>
+#include <utility>
 
 namespace haptrace {
 
@@ -38,6 +39,33 @@ struct InertiaMap {
       r2 = 1;
     }
     return (Vec3::Ones() + slope * d + (bend + r2 * curve) * d.cwiseProduct(d)).cwiseMax(least).cwiseMin(most);
+  }
+
+  /// Returns the rms of the factors over the centre and places half and all the way to the reach along each axis.
+  [[nodiscard]] Vec3 typical() const noexcept {
+    Vec3 squares = Vec3::Zero();
+    int places = 0;
+    visit([&](const Vec3& factors) {
+      squares += factors.cwiseAbs2();
+      ++places;
+    });
+    return (squares / places).cwiseSqrt();
+  }
+
+  /// Returns the smallest and the largest factors at these places.
+  [[nodiscard]] std::pair<Vec3, Vec3> range() const noexcept {
+    std::pair<Vec3, Vec3> range{Vec3::Ones(), Vec3::Ones()};
+    visit([&](const Vec3& factors) { range = {range.first.cwiseMin(factors), range.second.cwiseMax(factors)}; });
+    return range;
+  }
+
+ private:
+  template <class See>
+  void visit(const See& see) const noexcept {
+    see(at(centre));
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double share : {-1.0, -0.5, 0.5, 1.0})
+        if (reach[axis] > 0) see(at(centre + share * reach[axis] * Vec3::Unit(axis)));
   }
 };
 

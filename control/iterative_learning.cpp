@@ -63,6 +63,7 @@ void RepetitionLog::clear() noexcept {
   time.clear();
   for (auto* column : {&position, &reference, &acceleration, &known, &sent}) column->clear();
   softened = 0;
+  vibrated = false;
 }
 
 IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
@@ -143,8 +144,9 @@ LearningOutcome IterativeLearning::learn(const RepetitionLog& log) {
   for (std::size_t i = 1; i < n; ++i)
     if (log.time[i] - log.time[i - 1] < kSteadyStep * tick) ++crept;
   if (static_cast<double>(crept) > kUnsteady * static_cast<double>(n)) return LearningOutcome::skipped;
-  if (static_cast<double>(log.softened) > kMostSoftened * static_cast<double>(n)) {
+  if (log.vibrated || static_cast<double>(log.softened) > kMostSoftened * static_cast<double>(n)) {
     table_ = best_;
+    best_rms_ = 0;
     error_.clear();
     return LearningOutcome::softened;
   }
@@ -210,6 +212,7 @@ void LearnedForce::write_down(const TermInput& input) noexcept {
   log_.acceleration.push_back(input.reference.acceleration);
   log_.known.push_back(input.before);
   log_.softened += input.state.softened ? 1 : 0;
+  log_.vibrated |= input.state.vibrated;
   if (time >= duration_) writing_ = Writing::last_row;
 }
 

@@ -20,6 +20,7 @@ struct RepetitionLog {
   std::vector<Vec3> known;         ///< part of the load that other terms cancel [N]
   std::vector<Vec3> sent;          ///< force sent by this tick, after all limits [N]
   std::size_t softened = 0;        ///< ticks in which a monitor softened the feedback
+  bool vibrated = false;           ///< because it vibrated
 
   void reserve(std::size_t rows);
   void clear() noexcept;
@@ -45,7 +46,8 @@ struct RepetitionLog {
 /// repeat and (e_j + e_j-1) / 2 the part that does. Once the squares of the latter exceed those of the former by less
 /// than kNoise of their sum, there is nothing left to learn. If a repetition is worse than the best by the factor
 /// kWorse, the best table is restored, and later steps are half as long. A repetition in which a monitor softened the
-/// feedback shows another loop: nothing is learned from it, and the best table is restored as well.
+/// feedback shows another loop: nothing is learned from it, the best table is restored as well, and the next repetition
+/// is the first of which the later ones must not be worse, since another law may drive it.
 ///
 /// Threads: one at a time. Not for the tick.
 class IterativeLearning {

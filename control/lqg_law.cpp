@@ -110,7 +110,8 @@ LqgLaw::LqgLaw(const Options& options)
       }()),
       authority_(options.authority),
       rest_(driven_, options.position_resolution, 1),
-      inertia_(options.inertia) {
+      inertia_(options.inertia),
+      per_mass_(options.designed_for.cwiseInverse()) {
   for (std::size_t i = 0; i < 3; ++i) {
     const auto& laws = options.axes[i];
     if (!laws) continue;
@@ -141,7 +142,7 @@ Vec3 LqgLaw::force(const TermInput& input) noexcept {
   const Vec3 error = state.position - reference.position;
   const Vec3 sent = (state.force_applied - known_).cwiseQuotient(sent_scale_);
   known_ = before;
-  if (inertia_) scale_ = inertia_->at(reference.position);
+  if (inertia_) scale_ = inertia_->at(reference.position).cwiseProduct(per_mass_);
   sent_scale_ = scale_;
   Rest::Feedback moving, resting;
   Vec3 load;

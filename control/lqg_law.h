@@ -68,8 +68,8 @@ PdGains gains_of(const std::array<std::optional<LqgLaws>, 3>& laws) noexcept;
 /// The law takes the force that was really sent, without this sum, for its own. Nothing therefore winds up while the
 /// device saturates or an operator holds it.
 ///
-/// s scales the law to the mass at the reference: with s = m(x_d) / m from options.inertia, a law for m becomes that
-/// for m(x_d) of a free mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback
+/// s scales the law to the mass at the reference: with s = m(x_d) / m from options.inertia and options.designed_for, a
+/// law for m becomes that for m(x_d) of a free mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback
 /// that is proportional to the error by kp over the law's stiffness, and the rest by kd over its damping; see
 /// gains_of(). While the reference rests, Rest keeps the load, and the law for rest replaces that for movement. Both
 /// are computed at every tick.
@@ -81,7 +81,8 @@ class LqgLaw final : public ForceTerm {
     std::array<std::optional<LqgLaws>, 3> axes;
     double position_resolution = 0;       ///< [m]
     double authority = 0;                 ///< largest force against a load, magnitude [N]
-    std::optional<InertiaMap> inertia{};  ///< of the mass for which the laws are
+    std::optional<InertiaMap> inertia{};  ///< how the mass varies; without it, s = 1
+    Vec3 designed_for = Vec3::Ones();     ///< mass for which the laws are, over that at the map's centre
   };
 
   explicit LqgLaw(const Options& options);
@@ -101,6 +102,7 @@ class LqgLaw final : public ForceTerm {
   Rest rest_;
   bool starts_ = true;
   std::optional<InertiaMap> inertia_;
+  Vec3 per_mass_;  ///< the inverse of options.designed_for
   Vec3 scale_ = Vec3::Ones(), sent_scale_ = Vec3::Ones();
   Vec3 known_ = Vec3::Zero();   ///< force of the other terms at the last tick [N]
   Vec3 slow_ = Vec3::Zero();    ///< load that is followed slowly at standstill [N]

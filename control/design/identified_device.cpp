@@ -13,7 +13,8 @@ namespace haptrace {
 namespace {
 
 constexpr EnumNames<HandKnown, 3> kHandKnown{"knowledge of the hand", {"identified", "nobody", "assumed"}};
-constexpr double kClear = 10;  // evidence from which the choice of a model is clear
+constexpr double kClear = 10;      // evidence from which the choice of a model is clear
+constexpr double kLightest = 0.5;  // mass for which laws are designed, over that at the centre: at least
 
 LqgDesign design_of(const std::array<std::optional<LqgResult>, 3>& results) {
   LqgDesign design;
@@ -28,6 +29,12 @@ LqgDesign design_of(const std::array<std::optional<LqgResult>, 3>& results) {
   }
   design.figures = {.error = std::sqrt(error), .ripple = std::sqrt(ripple)};
   return design;
+}
+
+std::array<std::optional<AxisModel>, 3> models_of(const HeldDevice& device, double rate_hz) {
+  HeldModel model = device.model;
+  model.mass = model.mass.cwiseProduct(device.designed_for);
+  return axis_models(model, device.position_noise, rate_hz);
 }
 
 }  // namespace
@@ -60,11 +67,17 @@ HeldDevice held_device(const Identification& identified, const HeldIdentificatio
 
 bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
                  const std::function<void(double)>& progress) {
-  const auto axes = axis_models(device.model, device.position_noise, rate_hz);
+  LqgSearchOptions options{.plain_ripple = device.ripple};
+  if (device.inertia) {
+    device.designed_for = device.inertia->typical().cwiseMax(kLightest);
+    const auto [least, most] = device.inertia->range();
+    options.least = least.cwiseQuotient(device.designed_for).minCoeff();
+    options.most = most.cwiseQuotient(device.designed_for).maxCoeff();
+  }
+  const auto axes = models_of(device, rate_hz);
   // The first search takes half of the time, since nothing is known.
   constexpr std::array kOrder{Firmness::normal, Firmness::quiet, Firmness::exact};
   constexpr std::array<double, kOrder.size() + 1> kDone{0, 0.5, 0.75, 1};
-  LqgSearchOptions options{.plain_ripple = device.ripple};
   // An assumed hand may be the wrong one, and a device in another hand moves like another mass.
   if (device.one_mass || device.hand == HandKnown::assumed) {
     options.lighter = 0.7;
@@ -84,7 +97,7 @@ bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
 }
 
 std::array<std::optional<LqgLaws>, 3> lqg_laws(const HeldDevice& device, Firmness firmness, double rate_hz) {
-  const auto axes = axis_models(device.model, device.position_noise, rate_hz);
+  const auto axes = models_of(device, rate_hz);
   std::array<std::optional<LqgLaws>, 3> laws;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto& numbers = device.design(firmness).numbers[axis];

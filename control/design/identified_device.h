@@ -26,11 +26,12 @@ enum class HandKnown : std::uint8_t {
 const char* to_string(HandKnown known) noexcept;
 HandKnown parse_hand_known(std::string_view name);  ///< throws Error(input)
 
-/// Result of a law's trial over the workspace.
+/// Result of a law's trial over the workspace, and of the playbacks after it.
 struct LawVerdict {
   bool tried = false;
   double improvement = 0;  ///< error of plain PD control over that of the law, at the place where it is smallest
   std::string refused;     ///< why the law must not be used; empty if it may
+  std::string since{};     ///< time of the playback that refused it, RFC 3339; empty: refused in its trial
 };
 
 /// The laws of one firmness, as the numbers from which lqg_laws() follows, and what the search predicts of them.
@@ -50,9 +51,13 @@ struct HeldDevice {
   double position_noise = 0;          ///< standard deviation of a measured position [m]
   double ripple = 0;                  ///< ripple of which the laws may use a share, rms per axis [N]
   std::optional<InertiaMap> inertia;  ///< if the mass varies over the workspace
-  bool one_mass = true;               ///< nothing is known about it: the laws bear a mass that differs by a third
+  /// Mass for which the laws are designed, over that at the centre. A law designed for the centre, where a device may
+  /// be heaviest, would leave most of its ripple unused elsewhere.
+  Vec3 designed_for = Vec3::Ones();
+  bool one_mass = true;  ///< nothing is known about it: the laws bear a mass that differs by a third
   std::array<LqgDesign, kFirmnesses.size()> designs;
-  LawVerdict observer;  ///< on the law with an observer, which is tried if an LQG law was refused
+  LawVerdict observer;      ///< on the law with an observer, which is tried if an LQG law was refused
+  bool plain_calm = false;  ///< plain PD control (TrackingDesign::plain) was tried and stayed calm
 
   [[nodiscard]] const LqgDesign& design(Firmness firmness) const noexcept {
     return designs[static_cast<std::size_t>(firmness)];

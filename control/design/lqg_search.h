@@ -59,6 +59,7 @@ struct LqgSearchOptions {
   double plain_ripple = 0;               ///< ripple of which the law may use a share, rms per axis [N]; 0: that of a
                                          ///< plain PD law (haptrace::plain_ripple)
   double lighter = 0.85, heavier = 1.2;  ///< range of the mass that the law must bear, over the identified mass
+  double least = 1, most = 1;            ///< range of the mass that the law follows (LqgLaw), over the identified mass
   std::optional<LqgNumbers> like{};      ///< numbers found for a similar device or firmness, from which to start
   std::size_t threads = 0;               ///< 0: one per core
 };
@@ -108,8 +109,9 @@ inline constexpr HandNoise kHealthyHand{.drift = 0.15, .drift_hz = 1, .tremor = 
 /// where e and ripple are those of the identified axis under kHealthyHand and [a]+ = max(a, 0). A law that is unstable
 /// on one of the plants costs 30, and 1 for each of them. Near are the identified plant, and the same with the mass of
 /// either bound, 0.35 ms later, and with the hand's mass, grip stiffness or grip damping 1.6 times as large or small.
-/// Far are a device that nobody holds, also lighter or later, and a loose and a firm hand. The target is a share of
-/// options.plain_ripple: 0.43 for quiet, 0.9 for normal and 1.35 for exact. Quantisation is not white on slow axes,
+/// Far are a device that nobody holds, also lighter or later, a loose and a firm hand, and the hand as the law sees it
+/// where the mass that it follows is smallest and largest: it then weighs as much more or less. The target is a share
+/// of options.plain_ripple: 0.43 for quiet, 0.9 for normal and 1.35 for exact. Quantisation is not white on slow axes,
 /// which makes the measured ripple 1.1 to 1.2 times as large.
 ///
 /// Starts from nine points, whose weight of the ripple is set so that they meet the target, follows each by

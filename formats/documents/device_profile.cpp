@@ -251,8 +251,18 @@ constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
                                                 {"mass_factor", &LqgNumbers::mass_factor},
                                                 {"hand_share", &LqgNumbers::hand_share}}};
 
+/// Reads a time as text.
+std::string time_from(Required& required, const char* key, const std::string& where) {
+  std::string time = required.text(key);
+  if (!parse_rfc3339(time))
+    throw input_error(fmt::format("{}: {}: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, key, time));
+  return time;
+}
+
 json json_of(const LawVerdict& verdict) {
-  return {{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
+  json json{{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
+  if (!verdict.since.empty()) json["refused_since"] = verdict.since;
+  return json;
 }
 
 LawVerdict verdict_from(JsonReader reader) {
@@ -260,6 +270,7 @@ LawVerdict verdict_from(JsonReader reader) {
   LawVerdict verdict{.tried = required.boolean("tried"),
                      .improvement = required.number("improvement", 0, kLargest),
                      .refused = required.text("refused")};
+  if (reader.has("refused_since")) verdict.since = time_from(required, "refused_since", reader.where());
   reader.finish();
   return verdict;
 }
@@ -327,8 +338,10 @@ json json_of(const HeldDevice& held) {
       {"model", json_of(held.model)}, {"half_width", json_of(held.half_width)},  {"hand_is", to_string(held.hand)},
       {"evidence", held.margin},      {"position_noise_m", held.position_noise}, {"ripple_n", held.ripple}};
   if (held.inertia) object["inertia"] = json_of(*held.inertia);
+  if (held.designed_for != Vec3::Ones()) object["designed_for"] = haptrace::json_of(held.designed_for);
   object["one_mass"] = held.one_mass;
   object["observer_trial"] = json_of(held.observer);
+  object["plain_calm"] = held.plain_calm;
   for (const Firmness firmness : kFirmnesses) object["laws"][to_string(firmness)] = json_of(held.design(firmness));
   return object;
 }
@@ -343,8 +356,10 @@ HeldDevice held_device_from(JsonReader reader) {
   held.position_noise = required.number("position_noise_m", 0, 1);
   held.ripple = required.number("ripple_n", 0, kLargest);
   if (const auto inertia = reader.object("inertia")) held.inertia = inertia_from(*inertia);
+  held.designed_for = reader.vector("designed_for", held.designed_for, 0.01, 100);
   held.one_mass = required.boolean("one_mass");
   held.observer = verdict_from(required.object("observer_trial"));
+  held.plain_calm = reader.boolean("plain_calm", false);
   JsonReader laws = required.object("laws");
   Required of_laws(laws);
   for (const Firmness firmness : kFirmnesses)
@@ -352,13 +367,6 @@ HeldDevice held_device_from(JsonReader reader) {
   laws.finish();
   reader.finish();
   return held;
-}
-
-std::string created_from(Required& required, const std::string& where) {
-  std::string created = required.text("created");
-  if (!parse_rfc3339(created))
-    throw input_error(fmt::format("{}: created: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, created));
-  return created;
 }
 
 /// Returns a name with only characters that every file system accepts.
@@ -452,7 +460,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
         fmt::format("{}: has format version '{}', but this program reads {}; calibrate again (haptrace calibrate)",
                     where, version, kProfileVersion));
   DeviceProfile profile;
-  profile.created = created_from(required, where);
+  profile.created = time_from(required, "created", where);
   profile.software = required.text("software");
   JsonReader device = required.object("device");
   Required facts(device);
@@ -493,7 +501,7 @@ json to_json(const DeviceDynamics& dynamics) {
 DeviceDynamics dynamics_from_json(const json& object, const std::string& where) {
   JsonReader reader(object, where);
   Required required(reader);
-  DeviceDynamics dynamics{.created = created_from(required, where),
+  DeviceDynamics dynamics{.created = time_from(required, "created", where),
                           .plant = plant_from(required.object("plant")),
                           .inertia = {},
                           .in_a_hand = required.boolean("in_a_hand")};

@@ -63,9 +63,10 @@ class LawTrials {
   }
 
  private:
-  static constexpr double kMostRipple = 0.04;  ///< share of the largest force
-  static constexpr double kStiffMargin = 1.2;  ///< of stiff PD control on the free device
-  static constexpr double kWorthwhile = 2;     ///< least improvement of a law after another one was refused
+  static constexpr double kMostRipple = 0.04;                ///< share of the largest force
+  static constexpr double kStiffMargin = 1.2;                ///< of plain PD control on the free device
+  static constexpr std::array kPlainShares{1.0, 0.5, 0.25};  ///< of the stiffness of stiff PD control
+  static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
 
   [[nodiscard]] TourResult tried() {
     law_.identified = result_.identified();
@@ -80,25 +81,32 @@ class LawTrials {
     return true;
   }
 
-  /// Tries plain PD control, with which the laws are compared. No law may be worse than stiff PD control, if the device
-  /// stays stable under it. Returns false if the user or the device ended it.
+  /// Tries plain PD control, with which the laws are compared: stiff PD control, since no law may be worse than that,
+  /// then softer gains until the device stays calm. Returns false if the user or the device ended it.
   [[nodiscard]] bool try_plain() {
     law_.compensations = {};
-    std::optional<TourResult> plain;
-    if (is_stable(result_.identification.plant, stiff_gains(), kStiffMargin, plan_.rate_hz)) {
-      const PdGains designed = std::exchange(result_.design->plain, stiff_gains());
-      plain = tried();
-      if (ended(*plain)) return false;
-      if (!plain->finished() || plain->oscillations > 0 || std::ranges::max(plain->ripple) > most_ripple_) {
-        result_.design->plain = designed;
-        plain.reset();
-      }
+    bool tried_any = false;
+    for (const double share : kPlainShares) {
+      const PdGains stiff = stiff_gains(), gains{share * stiff.kp, std::sqrt(share) * stiff.kd};
+      const bool last = share == kPlainShares.back() && !tried_any;
+      if (!last && !is_stable(lightest(), gains, kStiffMargin, plan_.rate_hz)) continue;
+      tried_any = true;
+      result_.design->plain = gains;
+      plain_ = tried();
+      if (ended(plain_)) return false;
+      result_.held->plain_calm =
+          plain_.finished() && plain_.oscillations == 0 && std::ranges::max(plain_.ripple) <= most_ripple_;
+      if (result_.held->plain_calm) break;
     }
-    if (!plain) plain = tried();
-    if (ended(*plain)) return false;
-    plain_ = std::move(*plain);
     law_.compensations = PlayOptions{}.compensations;
     return true;
+  }
+
+  /// Returns the identified device as it is where its mass is smallest.
+  [[nodiscard]] PlantModel lightest() const {
+    PlantModel plant = result_.identification.plant;
+    if (const auto& inertia = result_.held->inertia) plant.mass = plant.mass.cwiseProduct(inertia->range().first);
+    return plant;
   }
 
   /// Tries the law and sets its verdict. Returns false if the user or the device ended it.
@@ -125,7 +133,10 @@ class LawTrials {
     law_.law = TrackingLaw::lqg;
     law_.firmness = firmness;
     LqgDesign& design = result_.held->design(firmness);
-    return judge(design.figures.ripple, design.verdict);
+    // The law follows the mass, and so does its ripple.
+    const HeldDevice& held = *result_.held;
+    const double most = held.inertia ? held.inertia->range().second.cwiseQuotient(held.designed_for).maxCoeff() : 1;
+    return judge(most * design.figures.ripple, design.verdict);
   }
 
   /// Refuses a law that would come second, but is hardly better than plain PD control at some place. The model failed

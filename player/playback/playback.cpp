@@ -38,7 +38,8 @@ namespace {
 
 constexpr EnumNames<TrackingLaw, 2> kTrackingLaws{"law", {"observer", "lqg"}};
 
-constexpr double kWindow = 0.01;  // window of speed estimates, so that one noisy sample does not count [s]
+constexpr double kSoftenedLaw = 0.09;  // share of a law after two steps of ReactionLadder
+constexpr double kWindow = 0.01;       // window of speed estimates, so that one noisy sample does not count [s]
 
 /// Peak speed and excursion of a trajectory between the samples of its path.
 struct Excursion {
@@ -173,14 +174,14 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   return table;
 }
 
-/// Returns the law with plain PD control as its stand-in, if the device bore stiff gains in the trials of its
-/// calibration: softer ones would follow worse than the softened law. If the operator chose the gains, they stay.
+/// Returns the law with plain PD control as its stand-in, if the device bore that in the trials of its calibration, and
+/// it is not softer than the law is once softened. If the operator chose the gains, they stay.
 std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own,
                                          const PlayOptions& options) {
   const auto& held = options.identified->held;
   const PdGains& plain = options.identified->design.plain;
-  const bool tried = held && held->design(Firmness::normal).verdict.tried && plain.kp == stiff_gains().kp;
-  if (!tried || options.gains || options.impedance) return law;
+  const bool firm = (plain.kp.array() >= kSoftenedLaw * own.kp.array()).all();
+  if (!held || !held->plain_calm || !firm || options.gains || options.impedance) return law;
   return std::make_unique<StandInLaw>(std::move(law), own, plain);
 }
 
@@ -216,7 +217,8 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
     auto law = std::make_unique<LqgLaw>(LqgLaw::Options{.axes = *plan.lqg,
                                                         .position_resolution = resolution(),
                                                         .authority = options.identified->design.authority,
-                                                        .inertia = inertia});
+                                                        .inertia = inertia,
+                                                        .designed_for = options.identified->held->designed_for});
     terms.push_back(with_stand_in(std::move(law), gains_of(*plan.lqg), options));
     return terms;
   }
@@ -289,7 +291,9 @@ ChosenLaw chosen_law(const PlayOptions& options) {
   if (!options.compensations.observer || !held || options.gains || options.impedance) return {};
   const auto name_of = [](Firmness firmness) { return fmt::format("the LQG law of firmness {}", to_string(firmness)); };
   const auto refusal = [](const std::string& law, const LawVerdict& verdict) {
-    return fmt::format("in the trial of the calibration, {} was refused: {}", law, verdict.refused);
+    return fmt::format("in {}, {} was refused: {}",
+                       verdict.since.empty() ? "the trial of the calibration" : "a playback at " + verdict.since, law,
+                       verdict.refused);
   };
   constexpr const char* kObserver = "the law with an observer";
   if (options.law || options.firmness) {
@@ -310,9 +314,11 @@ ChosenLaw chosen_law(const PlayOptions& options) {
     }
     if (!verdict.refused.empty()) chosen.notes.push_back(refusal(name_of(firmness), verdict));
   }
-  chosen.observer = held->observer.refused.empty();
+  // A law that nothing has tried is no remedy for one that vibrated.
+  const bool vibrated = !held->design(Firmness::normal).verdict.since.empty();
+  chosen.observer = held->observer.refused.empty() && (held->observer.tried || !vibrated);
   if (!chosen.observer) {
-    chosen.notes.push_back(refusal(kObserver, held->observer));
+    if (!held->observer.refused.empty()) chosen.notes.push_back(refusal(kObserver, held->observer));
     chosen.notes.emplace_back("this playback therefore uses plain PD control");
   }
   return chosen;
@@ -550,6 +556,26 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
     result.learned = learning->table();
   }
   return result;
+}
+
+std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options, const std::string& now,
+                            HeldDevice& held) {
+  const VibrationSummary& vibration = result.session.servo.vibration;
+  const auto steps = [&](VibrationRule rule) { return vibration.steps[static_cast<std::size_t>(rule)]; };
+  const bool own = result.plan.lqg || result.plan.composed.observer,
+             changed = options.gains || options.impedance || (options.tuning != nullptr && options.tuning->changed());
+  if (!own || changed || options.session.touch.scene ||
+      steps(VibrationRule::energy) + steps(VibrationRule::half_cycles) == 0)
+    return "";
+  LawVerdict& verdict = result.plan.lqg ? held.design(result.plan.firmness).verdict : held.observer;
+  if (!verdict.refused.empty()) return "";
+  const std::string done = fmt::format("vibrated at {:.0f} Hz", vibration.frequency_hz);
+  verdict.refused = "it " + done;
+  verdict.since = now;
+  return fmt::format(
+      "the law {}, and the profile refuses it from now on. If the device or the hand was not as in the calibration, "
+      "calibrate again",
+      done);
 }
 
 nlohmann::json to_json(const PdGains& gains) {

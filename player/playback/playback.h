@@ -114,6 +114,12 @@ FollowedPath followed_path(const TrajectoryPieces& pieces);
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress = {});
 
+/// Refuses the law of a playback for later ones if it vibrated and was softened: it would do so again. The verdict
+/// stays if the law may not have been the cause (other gains than its own, a scene, a rule that is no proof), and for
+/// plain PD control. `now`: RFC 3339. Returns what to tell the user; an empty text if the verdict stays.
+std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options, const std::string& now,
+                            HeldDevice& held);
+
 nlohmann::json to_json(const PlayResult& result);
 nlohmann::json to_json(const PdGains& gains);
 

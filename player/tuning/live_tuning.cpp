@@ -205,6 +205,7 @@ nlohmann::json LiveTuning::state(const Tuning& tuning) const {
 void LiveTuning::put_in_force(const Tuning& tuning, const std::string& subject, const std::string& text) {
   if (state(tuning) == state(wanted_)) return;
   wanted_ = tuning;
+  changed_ = true;
   mailbox_.post(tuning);
 
   log_change(subject, text);
@@ -213,6 +214,11 @@ void LiveTuning::put_in_force(const Tuning& tuning, const std::string& subject, 
 Tuning LiveTuning::wanted() const {
   const std::lock_guard lock(mutex());
   return wanted_;
+}
+
+bool LiveTuning::changed() const {
+  const std::lock_guard lock(mutex());
+  return changed_;
 }
 
 std::string LiveTuning::summarise() const {

@@ -47,6 +47,8 @@ class LiveTuning final : public LiveSession {
   /// Returns the requested tuning. mailbox() holds the newest one for the servo loop.
   [[nodiscard]] Tuning wanted() const;
   [[nodiscard]] Mailbox<Tuning>& mailbox() noexcept { return mailbox_; }
+  /// Returns true once a command has changed the tuning.
+  [[nodiscard]] bool changed() const;
 
  private:
   [[nodiscard]] const std::vector<std::string>& quantities() const override;
@@ -71,6 +73,7 @@ class LiveTuning final : public LiveSession {
   const Tuning start_;
   const Options options_;
   Tuning wanted_;
+  bool changed_ = false;
   Mailbox<Tuning> mailbox_;
 };
 

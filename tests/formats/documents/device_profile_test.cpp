@@ -74,6 +74,7 @@ HeldDevice in_a_hand() {
   held.inertia->curve(1, 1) = 1.0 / 7;
   held.one_mass = false;
   held.designs[0].verdict = {true, 10.0 / 3, "it oscillates"};
+  held.designs[1].verdict = {true, 4, "it vibrated at 30 Hz", "2026-01-31T12:00:00Z"};
   held.observer = {true, 2, ""};
   held.designs[2].unmet = {"in x, its sensitivity is too large"};
   return held;
@@ -197,6 +198,8 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_EQ(read.held->inertia->least, in_a_hand().inertia->least);
   EXPECT_EQ(read.held->design(Firmness::quiet).verdict.improvement, 10.0 / 3);
   EXPECT_EQ(read.held->design(Firmness::quiet).verdict.refused, "it oscillates");
+  EXPECT_EQ(read.held->design(Firmness::normal).verdict.since, "2026-01-31T12:00:00Z");
+  EXPECT_EQ(read.held->design(Firmness::exact).verdict.since, "");
   EXPECT_TRUE(read.held->observer.tried);
 }
 

@@ -8,6 +8,7 @@
 #include "control/pd.h"
 #include "player/playback/playback_controller.h"
 #include "player/playback/reference_stream.h"
+#include "player/tuning/live_tuning.h"
 #include "tests/player/calibration/identified_device.h"
 #include "tests/support/allocations.h"
 #include "tests/support/blind_device.h"
@@ -142,6 +143,67 @@ TEST(PlayPlan, TakesTheFirstLawThatTheTrialDidNotRefuseAndSaysWhy) {
   options.law = TrackingLaw::observer;
   EXPECT_TRUE(planned().composed.observer);
   EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("it oscillates too")));
+}
+
+TEST(PlayPlan, TakesPlainControlAfterALawVibratedUnlessATrialPassedAnother) {
+  PlayOptions options = with_laws();
+  HeldDevice& held = *options.identified->held;
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  held.design(Firmness::normal).verdict = {
+      .tried = true, .improvement = 5, .refused = "it vibrated at 30 Hz", .since = "2026-01-31T12:00:00Z"};
+  EXPECT_FALSE(planned().composed.observer);
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("in a playback at 2026-01-31T12:00:00Z, the LQG law of firmness "
+                                                     "normal was refused: it vibrated at 30 Hz"),
+                                           HasSubstr("plain PD control")));
+  held.observer.tried = true;
+  EXPECT_TRUE(planned().composed.observer);
+  held.design(Firmness::quiet).verdict.tried = true;
+  EXPECT_EQ(planned().firmness, Firmness::quiet);
+  EXPECT_TRUE(planned().lqg);
+}
+
+/// A playback of the LQG law that was softened as often as `energy` says.
+PlayResult softened(const PlayOptions& options, int energy) {
+  PlayResult result{.session = {}, .plan = plan_playback(info(), small_circle(), options), .repetitions = {}};
+  result.session.servo.vibration.steps[static_cast<std::size_t>(VibrationRule::energy)] = energy;
+  result.session.servo.vibration.frequency_hz = 30.4;
+  return result;
+}
+
+TEST(PlayResult, RefusesALawThatVibratedForLaterPlaybacks) {
+  const PlayOptions options = with_laws();
+  HeldDevice held = *options.identified->held;
+  EXPECT_EQ(refuse_vibrated(softened(options, 0), options, "now", held), "");
+  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "");
+  EXPECT_THAT(refuse_vibrated(softened(options, 1), options, "now", held), HasSubstr("the law vibrated at 30 Hz"));
+  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "it vibrated at 30 Hz");
+  EXPECT_EQ(held.design(Firmness::normal).verdict.since, "now");
+  EXPECT_EQ(held.design(Firmness::exact).verdict.refused, "");
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "later", held), "") << "it is refused already";
+  EXPECT_EQ(held.design(Firmness::normal).verdict.since, "now");
+}
+
+TEST(PlayResult, RefusesNoLawForAVibrationThatMayHaveAnotherCause) {
+  PlayOptions options = with_laws();
+  HeldDevice held = *options.identified->held;
+  PlayResult slow = softened(options, 0);
+  slow.session.servo.vibration.steps[static_cast<std::size_t>(VibrationRule::slow)] = 2;
+  EXPECT_EQ(refuse_vibrated(slow, options, "now", held), "") << "a hand may sway";
+
+  LiveTuning tuning(plan_playback(info(), small_circle(), options).tuning, {});
+  options.tuning = &tuning;
+  EXPECT_NE(refuse_vibrated(softened(options, 1), options, "now", held), "");
+  held = *options.identified->held;
+  EXPECT_THAT(tuning.obey("gains * 1.1"), testing::StartsWith("ok"));
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "") << "these are other gains";
+  options.tuning = nullptr;
+
+  options.gains = PdGains{Vec3::Constant(3000), Vec3::Constant(25)};
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "");
+  options.gains.reset();
+  options.compensations.observer = false;
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "") << "plain control is what is left";
+  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "");
 }
 
 TEST(Play, FollowsCloserUnderTheLqgLawThanUnderTheObserver) {
