@@ -15,7 +15,8 @@
 namespace haptrace::cli {
 namespace {
 
-constexpr int kCountdown = 3;  // countdown on the real clock, before any movement [s]
+constexpr int kCountdown = 3;     // countdown on the real clock, before any movement [s]
+constexpr double kHardly = 1.25;  // improvement below which a law is hardly closer than PD control
 
 struct CalibrateArguments {
   SessionArguments session;
@@ -31,22 +32,24 @@ std::string axes_of(const CalibrationPlan& plan) {
   return names;
 }
 
-std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info) {
+std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info, const SafetyLimits& limits) {
   const std::string places = plan.places.empty() ? ""
                                                  : fmt::format(", and visits {} places around it, {:.0f} mm away",
                                                                plan.places.size(), 1e3 * farthest_place(plan));
   return fmt::format(
       "calibrating {} for about {:.0f} s{}: it moves to the centre of its workspace, swings around it, sweeps along "
       "each axis ({}){}{}\n"
-      "  limits: at most {:.0f} mm from the centre, {:.2f} m/s and {:.1f} N; the excitation signal uses up to {:.1f} N "
-      "rms per axis\n"
+      "  it is led at most {:.0f} mm from the centre and at {:.2f} m/s; an excitation signal of up to {:.1f} N rms per "
+      "axis adds to both\n"
+      "  limits: {:.1f} N; the session stops {:.0f} mm beside that movement{}\n"
       "  {}\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
       "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
       info.name, plan.duration + 1, plan.places.empty() ? "" : ", then trying laws, a quarter of a minute each",
       axes_of(plan), places, plan.pulses ? ", and ends with strokes along each axis under pulses of force" : "",
       1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()), plan.max_speed,
-      plan.max_force, plan.max_dither,
+      plan.max_dither, plan.max_force, 1e3 * plan.max_deviation,
+      limits.max_velocity > 0 ? fmt::format(", and above {:.1f} m/s", limits.max_velocity) : "",
       plan.places.empty() ? "the laws are not tried afterwards"
                           : "afterwards it follows small circles at these places, under two laws or more");
 }
@@ -77,7 +80,9 @@ std::string text_of(const LawVerdict& verdict) {
   if (!verdict.tried) return "not tried";
   if (!verdict.refused.empty()) return "refused: " + verdict.refused;
   if (!(verdict.improvement > 0)) return "calm over the workspace, where the force did not suffice for a comparison";
-  return fmt::format("at least {:.1f} times closer than PD over the workspace", verdict.improvement);
+  return verdict.improvement < kHardly
+             ? fmt::format("hardly closer than PD at some place of the workspace ({:.2f} times)", verdict.improvement)
+             : fmt::format("at least {:.1f} times closer than PD over the workspace", verdict.improvement);
 }
 
 std::string text_of(const HeldDevice& held) {
@@ -148,7 +153,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
     text += fmt::format("  the motors give at most {:.2f} +- {:.2f} N, of the {:.2f} N that were tried\n",
                         result.motors.force, result.motors.half_width, result.motors.tried);
   else if (result.motors.tried > 0)
-    text += fmt::format("  the motors do not saturate up to {:.2f} N, the largest force that was tried\n",
+    text += fmt::format("  no limit of the motors was found up to {:.2f} N, the largest force that was tried\n",
                         result.motors.tried);
   text += fmt::format("  not explained by the model: {:.0f} % of the {}, {:.3f} N rms in the sweeps\n",
                       100 * result.identification.line_residual,
@@ -223,7 +228,7 @@ int calibrate_command(const CLI::App& verb, const CalibrateArguments& arguments,
   const CalibrationPlan plan = plan_calibration(info, options);
   note_limits(output, options.session, info);
   note_before(output, options.session, "device", info.notes);
-  output.remark(announcement(plan, info));
+  output.remark(announcement(plan, info, options.session.loop.limits));
 
   if (is_real(options, info) && !arguments.yes && !count_down(output, signals.stop())) {
     output.remark("interrupted before anything moved");

@@ -239,6 +239,9 @@ std::string law_text(const PlayArguments& arguments, const PlayResult& result, c
   const std::string kind = result.plan.lqg ? fmt::format("LQG, {}", to_string(result.plan.firmness)) : "PD";
   std::string text = fmt::format("  law: {}; {}\n", text_of(result.tuning.gains),
                                  terms.empty() ? "PD alone" : fmt::format("{} with {}", kind, fmt::join(terms, ", ")));
+  if (result.stood_in)
+    text += fmt::format("  it vibrated: from repetition {} on, plain PD control stood in for it, {}\n",
+                        *result.stood_in + 1, text_of(result.gains_in_force()));
   if (const double share = result.session.gain_share; share < 1)
     text += fmt::format("  gains softened to {:.0f} %: {} at the end\n", 100 * share, text_of(result.gains_in_force()));
   return text + (profile ? fmt::format("  profile: {}, created {}\n", arguments.profile.used(device), profile->created)

@@ -120,6 +120,7 @@ int record_command(const CLI::App& verb, const RecordArguments& arguments, const
     const bool needs_model = info.measures_force || options.session.touch.scene || options.session.support.force > 0;
     if (trial == 1 && needs_model)
       profile = profile_for(info, "", options.session.loop.rate_hz, output, &options.session.known);
+    if (trial == 1 && profile) take_motor_limit(*profile, info, output, options.session);
     keep_dynamics(options.session, info, profile);
     notes.begin(trial, device, file);
   };

@@ -8,6 +8,8 @@
 namespace haptrace {
 
 struct HandWatchOptions {
+  static constexpr double kNever = 1e3;  ///< for `held`: a hand that lets go is not reported
+
   /// Force that the law needs to move the device alone [N]: its friction, gravity and inertia along the path, as far as
   /// they are not compensated. With a disturbance estimate, the part of them that its model leaves.
   double needed = 2;

@@ -89,7 +89,7 @@ constexpr EventWords kEventWords[] = {
      "the expert's force faded because the place on the path was in doubt"},
     {EventCode::tank_empty, "tank_empty", kWarning, "the expert's force was reduced because the energy tank was empty",
      false, 1},
-    {EventCode::feedback_renewed, "feedback_renewed", kNote, "gentler feedback replaced one that vibrated", false, 1},
+    {EventCode::feedback_renewed, "feedback_renewed", kNote, "plain PD control replaced a law that vibrated", false, 1},
 };
 static_assert(std::size(kEventWords) <= kMostEventKinds);
 
@@ -332,7 +332,7 @@ constexpr EventText kEventTexts[] = {
      "the place on the path is in doubt for {0:.1f} s, {1:.3f} m or {2:.3f} m: the expert's force fades"},
     {EventCode::tank_empty, tank_empty_text},
     {EventCode::feedback_renewed,
-     "gentler feedback replaces the one that vibrated: from {0:.0f} % to {1:.0f} %",
+     "plain PD control replaces the law that vibrated: feedback from {0:.0f} % to {1:.0f} %",
      {100, 100, 1}},
 };
 static_assert(std::equal(std::begin(kEventWords), std::end(kEventWords), std::begin(kEventTexts), std::end(kEventTexts),

@@ -453,8 +453,14 @@ Sliding sliding(const std::vector<Filtered>& rows) {
   std::vector<double> integral(rows.size(), 0.0);
   double mean = 0;
   for (const Filtered& row : rows) mean += row.x / static_cast<double>(rows.size());
+  for (std::size_t k = 1; k < rows.size(); ++k)
+    integral[k] = integral[k - 1] + (rows[k].x - mean) * (rows[k].time - rows[k - 1].time);
+  // A force that follows the integral, as that of an arm that yields, has no mean over whole cycles. It would otherwise
+  // count as gravity.
+  double offset = 0;
+  for (const double value : integral) offset += value / static_cast<double>(rows.size());
+  for (double& value : integral) value -= offset;
   for (std::size_t k = 0; k < rows.size(); ++k) {
-    if (k > 0) integral[k] = integral[k - 1] + (rows[k].x - mean) * (rows[k].time - rows[k - 1].time);
     if (k < kAround || k + kAround >= rows.size()) continue;
     const auto slides = [&](const Filtered& row) {
       return std::abs(row.v) > std::max(0.15 * fastest, 0.01) && row.v * rows[k].v > 0;
@@ -568,8 +574,10 @@ SweepFit fit_sweeps(const Experiment& experiment, int axis, double delay) {
   double most = 0;
   for (const MatrixXd& block : swept.blocks) most = std::max(most, block.col(kColumns).cwiseAbs().maxCoeff());
   for (const Sliding& part : swept.parts) most = std::max(most, part.columns.col(kColumns).cwiseAbs().maxCoeff());
-  constexpr double kFar = 100;  // gravity is that at the origin, which may be far from the sweeps
-  if (!(fit.coulomb <= most && std::abs(fit.gravity) <= kFar * most)) return {};
+  for (const Sliding& part : swept.parts) {
+    const double place = part.columns.col(kPlace).mean(), gravity = fit.gravity + fit.gradient * place;
+    if (!(fit.coulomb <= most && std::abs(gravity) <= most)) return {};  // the motors held it
+  }
   return fit;
 }
 

@@ -92,6 +92,7 @@ class Required {
 
 // Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
+constexpr double kMostLead = 5e-3;  // of a delay that noise made negative [s]
 
 Eigen::Matrix3d matrix_from(JsonReader reader, double most = kLargest) {
   Required rows(reader);
@@ -117,7 +118,7 @@ ActuatorFriction actuators_from(JsonReader reader) {
 }
 
 Cogging cogging_from(JsonReader reader) {
-  constexpr std::size_t kMostWaves = 100;
+  constexpr std::size_t kMostWaves = 16;     // more than a calibration finds
   constexpr double kLeastWaveNumber = 1e-3;  // [rad/m]
   Required required(reader);
   Cogging cogging{.centre = required.vector("centre_m", -kLargest, kLargest), .waves = {}};
@@ -148,7 +149,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.coulomb = required.vector("coulomb_n", 0, kLargest);
   plant.gravity = required.vector("gravity_n", -kLargest, kLargest);
   plant.gravity_gradient = matrix_from(required.object("gravity_gradient_n_per_m"));
-  plant.delay = required.number("delay_s", -1, 1);
+  plant.delay = required.number("delay_s", -kMostLead, 1);
   plant.position_resolution = required.number("position_resolution_m", 0, 1);
   plant.position_noise = required.number("position_noise_m", 0, 1);
   if (auto actuators = reader.object("actuators")) plant.actuators = actuators_from(std::move(*actuators));
@@ -165,7 +166,7 @@ TrackingDesign design_from(JsonReader reader) {
   design.largest = {required.vector("largest_kp", 0, kLargestKp), required.vector("largest_kd", 0, kLargestKd)};
   design.plain = {required.vector("plain_kp", 0, kLargestKp), required.vector("plain_kd", 0, kLargestKd)};
   design.mass = required.vector("mass_kg", 0, kLargest);
-  design.delay = required.number("delay_s", -1, 1);
+  design.delay = required.number("delay_s", -kMostLead, 1);
   design.observer_hz = required.number("observer_hz", 0, kLargest);
   design.load_hz = required.number("load_hz", 0, kLargest);
   design.authority = required.number("authority_n", 0, kLargest);
@@ -563,6 +564,18 @@ std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {
   return load_profile(file);
 }
 
+namespace {
+
+/// Returns the largest force of the waves together [N].
+double cogging_of(const PlantModel& plant) {
+  double sum = 0;
+  if (plant.cogging)
+    for (const CoggingWave& wave : plant.cogging->waves) sum += wave.amplitude();
+  return sum;
+}
+
+}  // namespace
+
 std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& device, const DeviceFacts& facts,
                           double rate_hz, std::chrono::system_clock::time_point now) {
   constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
@@ -583,6 +596,13 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
     return changed("workspace");
   const auto made = parse_rfc3339(profile.created);
   const double age = made ? std::chrono::duration<double>(now - *made).count() : kNaN;
+  constexpr double kClocksDiffer = 2 * 86400;  // [s]
+  if (age < -kClocksDiffer)
+    return fmt::format("the profile is from {}, which is in the future: check the clock, or {}", profile.created,
+                       kAgain);
+  // Feedforward is not watched for vibration: no force of the model may be beyond the device.
+  if (const double cogging = cogging_of(profile.plant), most = profile.facts.max_force; most > 0 && cogging > most)
+    return fmt::format("the profile's cogging of {:.1f} N is beyond the device's {:.1f} N; {}", cogging, most, kAgain);
   if (!(age <= kProfileLifetime))
     return fmt::format("the profile is {:.0f} days old, but it is valid for {:.0f} days only; {}", age / 86400,
                        kProfileLifetime / 86400, kAgain);

@@ -1,8 +1,10 @@
 #include "player/calibration/calibration_trials.h"
 
 #include "control/pd.h"
+#include "devices/loop/servo_loop.h"
 #include "player/calibration/law_trial.h"
 #include "player/calibration/workspace_trial.h"
+#include "player/record.h"
 
 #include <algorithm>
 #include <array>
@@ -68,7 +70,23 @@ class LawTrials {
   static constexpr std::array kPlainShares{1.0, 0.5, 0.25};  ///< of the stiffness of stiff PD control
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
 
+  /// Waits until the motors have cooled so far that the tour has nearly the force that a playback has. The excitation
+  /// and the pulses before have warmed them, and so has every tour.
+  void cool() {
+    constexpr double kWarm = 0.5;  // share of the continuous force, rms, that earlier forces may leave
+    const MotorHeat* const motors = tour_.session.loop.motors;
+    const SafetyLimits limits = ServoLoop::in_force(device_.info(), tour_.session.loop.limits);
+    if (motors == nullptr || !(limits.max_continuous_force > 0)) return;
+    const double excess = motors->force / std::pow(kWarm * limits.max_continuous_force, 2);
+    if (excess <= 1) return;
+    RecordOptions rest{.duration = limits.continuous_time * std::log(excess), .session = tour_.session};
+    rest.session.recording.reset();
+    rest.session.observer = nullptr;
+    (void)record(device_, rest, stop_, progress_);  // the tour notices why it ended early
+  }
+
   [[nodiscard]] TourResult tried() {
+    cool();
     law_.identified = result_.identified();
     return toured(device_, law_, tour_, stop_, progress_);
   }

@@ -109,6 +109,7 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
                       .compensations = law.compensations,
                       .law = law.law,
                       .firmness = law.firmness,
+                      .watch_release = false,  // on the way from place to place, loads turn as fast
                       .find_oscillations = true,
                       .smoothing = 0,
                       .session = tour.session};
@@ -138,6 +139,7 @@ std::string refusal_of(const TourResult& law, const TourResult& plain, const Wor
   double own = 0, other = 0;  // sums of squares over the places where the force sufficed
   for (std::size_t i = 0; i < law.rms_error.size(); ++i) {
     const double away = 1e3 * (tour.places[i] - tour.places.front()).norm();  // [mm]
+    if (std::isnan(law.ripple[i])) return fmt::format("it did not reach the place {:.0f} mm from the centre", away);
     if (!(law.ripple[i] <= max_ripple))
       return fmt::format("its force ripple is {:.2f} N rms {:.0f} mm from the centre", law.ripple[i], away);
     if (!plain.finished() || !force_sufficed(law, plain, i)) continue;

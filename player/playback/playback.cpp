@@ -146,6 +146,7 @@ std::optional<TrackingGuard::Options> guard_of(const DeviceInfo& device, const P
     oscillation.mass = lightest;
     guard.hand.needed = plant.coulomb.norm() + plant.gravity.norm();
   }
+  if (!options.watch_release) guard.hand.held = HandWatchOptions::kNever;
   if (options.find_oscillations) guard.oscillation = oscillation;
   return guard;
 }
@@ -174,15 +175,20 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
   return table;
 }
 
-/// Returns the law with plain PD control as its stand-in, if the device bore that in the trials of its calibration, and
-/// it is not softer than the law is once softened. If the operator chose the gains, they stay.
-std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own,
-                                         const PlayOptions& options) {
+/// Returns the gains of plain PD control that stands in for a law with gains `own` if that vibrates: if the device bore
+/// them in the trials of its calibration, and they are not softer than the law is once softened. If the operator chose
+/// the gains, nothing stands in for them.
+std::optional<PdGains> stand_in_for(const PdGains& own, const PlayOptions& options) {
   const auto& held = options.identified->held;
   const PdGains& plain = options.identified->design.plain;
   const bool firm = (plain.kp.array() >= kSoftenedLaw * own.kp.array()).all();
-  if (!held || !held->plain_calm || !firm || options.gains || options.impedance) return law;
-  return std::make_unique<StandInLaw>(std::move(law), own, plain);
+  if (!held || !held->plain_calm || !firm || options.gains || options.impedance) return std::nullopt;
+  return plain;
+}
+
+std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own, const PlayPlan& plan) {
+  if (!plan.stand_in) return law;
+  return std::make_unique<StandInLaw>(std::move(law), own, *plan.stand_in);
 }
 
 /// Creates the terms of the law. Each term receives the sum of those before it, hence the order: known load, feedback,
@@ -219,14 +225,14 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
                                                         .authority = options.identified->design.authority,
                                                         .inertia = inertia,
                                                         .designed_for = options.identified->held->designed_for});
-    terms.push_back(with_stand_in(std::move(law), gains_of(*plan.lqg), options));
+    terms.push_back(with_stand_in(std::move(law), gains_of(*plan.lqg), plan));
     return terms;
   }
   if (with.observer) {
     auto law = std::make_unique<ObserverPd>(ObserverPd::Options{.design = options.identified->design,
                                                                 .rate_hz = options.session.loop.rate_hz,
                                                                 .position_resolution = resolution()});
-    terms.push_back(with_stand_in(std::move(law), options.identified->design.gains, options));
+    terms.push_back(with_stand_in(std::move(law), options.identified->design.gains, plan));
   } else {
     terms.push_back(std::make_unique<PdLaw>());
   }
@@ -377,6 +383,7 @@ struct PlannedLaw {
   Tuning tuning;
   Compensations composed;
   std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
+  std::optional<PdGains> stand_in;
   Firmness firmness = Firmness::normal;
   std::vector<std::string> notes;
 };
@@ -405,6 +412,7 @@ PlannedLaw planned_law(const DeviceInfo& device, const PlayOptions& options) {
     planned.firmness = *law.lqg;
     planned.tuning.gains = gains_of(*planned.lqg);
   }
+  if (composed.observer) planned.stand_in = stand_in_for(planned.tuning.gains, options);
   return planned;
 }
 
@@ -457,6 +465,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
                 .schedule = {},
                 .composed = law.composed,
                 .lqg = std::move(law.lqg),
+                .stand_in = law.stand_in,
                 .firmness = law.firmness,
                 .turn = {},
                 .notes = std::move(law.notes)};
@@ -550,12 +559,24 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
                     .repetitions = metrics.repetitions(),
                     .last = metrics.last(),
                     .tuning = options.tuning != nullptr ? options.tuning->wanted() : plan.tuning};
+  result.stood_in = metrics.renewed_after();
   if (learning != nullptr) {
     learning->finish();
     result.lessons = learning->lessons();
     result.learned = learning->table();
   }
   return result;
+}
+
+PdGains PlayResult::gains_in_force() const {
+  const auto shared = [this](const Vec3& tuned, const Vec3& own, const Vec3& stand_in) -> Vec3 {
+    if (!stood_in) return session.gain_share * tuned;
+    const Vec3 ratio = (own.array() > 0).select(tuned.cwiseQuotient(own), Vec3::Zero());
+    return session.gain_share * ratio.cwiseProduct(stand_in);
+  };
+  const PdGains& own = plan.tuning.gains;
+  const PdGains other = plan.stand_in.value_or(PdGains{Vec3::Zero(), Vec3::Zero()});
+  return {shared(tuning.gains.kp, own.kp, other.kp), shared(tuning.gains.kd, own.kd, other.kd)};
 }
 
 std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options, const std::string& now,
@@ -608,6 +629,7 @@ nlohmann::json to_json(const PlayResult& result) {
                 : plan.composed.observer ? to_string(TrackingLaw::observer)
                                          : "pd";
   if (plan.lqg) json["firmness"] = to_string(plan.firmness);
+  if (result.stood_in) json["pd_after_repetitions"] = *result.stood_in;
   json["gains"] = to_json(plan.tuning.gains);
   if (result.plan.turn)
     json["orientation_gains"] = {{"kp", result.plan.turn->gains.kp}, {"kd", result.plan.turn->gains.kd}};

@@ -49,6 +49,7 @@ struct PlayOptions {
   int learn = 0;                     ///< number of repetitions to learn from, up to kMostLearned
   ForceTable learned;                ///< learned force of earlier sessions, or empty
   bool guard = true;                 ///< soften when the loop vibrates; report a hand that resists or lets go
+  bool watch_release = true;         ///< report a hand that lets go; false where the movement looks like that
   bool find_oscillations = false;  ///< report small oscillations too (OscillationMonitor, needs the delay); for studies
   Interpolation interpolation = Interpolation::cubic;
   /// Time constant of the path's smoothing [s], see smooth_positions(). Absent: chosen from the noise of the positions;
@@ -77,6 +78,8 @@ struct PlayPlan {
   Compensations composed;             ///< terms of the law besides PD
   /// The laws in place of the PD law with an observer. The gains of `tuning` are then their stiffness and damping.
   std::optional<std::array<std::optional<LqgLaws>, 3>> lqg;
+  /// Gains of plain PD control that stands in for the law from the next repetition on, if it vibrates (StandInLaw).
+  std::optional<PdGains> stand_in;
   Firmness firmness = Firmness::normal;  ///< of these laws
   double peak_speed = 0;                 ///< peak speed of the reference [m/s]
   /// Present when the playback also controls the tool's orientation.
@@ -101,10 +104,12 @@ struct PlayResult {
   ForceTable learned;           ///< empty without learning
   Tuning tuning;                ///< tuning at the end, as requested
 
-  /// Returns the gains in force at the end. They are softer than `tuning.gains` after a vibration.
-  [[nodiscard]] PdGains gains_in_force() const {
-    return {session.gain_share * tuning.gains.kp, session.gain_share * tuning.gains.kd};
-  }
+  /// Number of repetitions after which plain PD control stood in for the law; absent: never.
+  std::optional<std::size_t> stood_in;
+
+  /// Returns the gains in force at the end. They are softer than `tuning.gains` after a vibration, and those of plain
+  /// PD control if that stands in for the law.
+  [[nodiscard]] PdGains gains_in_force() const;
 };
 
 /// Returns the path of a playback, for a view. Throws what PathSource::read throws.

@@ -14,7 +14,9 @@ TrackingMetrics::TrackingMetrics(double rate_hz, std::size_t repetitions) : ripp
 
 void TrackingMetrics::push(const Event& event) noexcept {
   if (event.code == EventCode::device_found || event.code == EventCode::states_resumed) last_ns_.reset();
+  if (event.code == EventCode::feedback_renewed && !renewed_after_) renewed_after_ = begun_;
   if (event.code != EventCode::repetition) return;
+  ++begun_;
   if (sums_.size() < sums_.capacity())
     sums_.emplace_back();
   else

@@ -23,6 +23,8 @@ class TrackingMetrics final : public SampleSink {
 
   /// Returns the metrics of every repetition that ran, in order.
   [[nodiscard]] std::vector<TrackingFigures> repetitions() const;
+  /// Returns the number of repetitions before other feedback replaced one that vibrated; nothing if none did.
+  [[nodiscard]] std::optional<std::size_t> renewed_after() const noexcept { return renewed_after_; }
   /// Returns the metrics of the last repetition; defaults if none ran.
   [[nodiscard]] TrackingFigures last() const;
 
@@ -37,6 +39,8 @@ class TrackingMetrics final : public SampleSink {
   static TrackingFigures figures(const Sums& sums);
 
   std::vector<Sums> sums_;
+  std::size_t begun_ = 0;  ///< number of repetitions
+  std::optional<std::size_t> renewed_after_;
   std::optional<std::int64_t> last_ns_;  ///< time of the last counted sample, unless a gap followed
   Ripple ripple_;
 };

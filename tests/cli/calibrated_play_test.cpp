@@ -4,6 +4,8 @@
 #include <chrono>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
+#include <functional>
 #include <thread>
 
 namespace haptrace {
@@ -30,6 +32,15 @@ class CalibratedPlay : public testing::Test {
     return run(words);
   }
 
+  /// Changes the only profile in the folder.
+  void change_profile(const std::function<void(nlohmann::json&)>& change) {
+    const std::filesystem::path file = std::filesystem::directory_iterator(folder_.path() + "/profiles")->path();
+    std::ifstream in(file);
+    nlohmann::json profile = nlohmann::json::parse(in);
+    change(profile);
+    std::ofstream(file) << profile.dump();
+  }
+
   TempFolder folder_;
   const std::string path_ = folder_ / "circle.h5";
 };
@@ -42,6 +53,43 @@ TEST_F(CalibratedPlay, FindsTheProfileAndFollowsThreeTimesAsWellAsStiffPd) {
   EXPECT_LT(3 * calibrated["rms_error_m"].get<double>(), stiff["rms_error_m"].get<double>());
   EXPECT_THAT(play({"--without", "all"}).json()["compensations"], testing::IsEmpty());
   EXPECT_THAT(play({"--without", "frction"}).err, HasSubstr("did you mean 'friction'"));
+}
+
+TEST_F(CalibratedPlay, KeepsInTheProfileThatALawVibratedAndUsesItNoMore) {
+  change_profile([](nlohmann::json& profile) {  // its laws are too stiff for the device
+    profile["held"]["plain_calm"] = true;
+    for (nlohmann::json& mass : profile["held"]["model"]["device"]["mass_kg"]) mass = 8 * mass.get<double>();
+  });
+  const Answer first = play({"--repeat", "3"});
+  EXPECT_THAT(first.err, HasSubstr("the profile refuses it from now on"));
+  EXPECT_EQ(first.json()["law"], "lqg");
+  EXPECT_EQ(first.json()["pd_after_repetitions"], 1);
+  EXPECT_GT(first.json()["gains_in_force"]["kp"][0], 1000) << "those of the PD control that stood in for it";
+  EXPECT_LT(3 * first.json()["repetitions"][2]["rms_error_m"].get<double>(),
+            first.json()["repetitions"][0]["rms_error_m"].get<double>());
+  EXPECT_THAT(first.json()["warnings"].dump(), HasSubstr("law_refused"));
+
+  const Answer second = play({});
+  EXPECT_THAT(second.err, testing::AllOf(HasSubstr("in a playback at "), HasSubstr("it vibrated at "),
+                                         HasSubstr("plain PD control")));
+  EXPECT_EQ(second.json()["law"], "pd");
+  EXPECT_EQ(second.json()["vibration"]["share"], 1);
+  EXPECT_EQ(play({"--firmness", "normal"}).json()["law"], "lqg") << "what was asked for";
+
+  ASSERT_EQ(run({"calibrate", "--device", "sim:preset=falcon,hand=relaxed", "--quick", "-q"}).exit_code, 0);
+  EXPECT_EQ(play({}).json()["law"], "lqg");
+}
+
+TEST_F(CalibratedPlay, BoundsARecordingWithASceneByTheMotorsAndSaysSo) {
+  change_profile([](nlohmann::json& profile) { profile["plant"]["motor_limit_n"] = 2; });
+  const std::string wall = folder_.write(
+      "wall.json", R"({"objects": [{"kind": "wall", "point": [0, 0, -0.02], "normal": [0, 0, 1], "stiffness": 500}]})");
+  const Answer recorded =
+      run({"record", folder_ / "felt.h5", "--device", kFalcon, "--scene", wall, "--duration", "0.5", "--json"});
+  ASSERT_EQ(recorded.exit_code, 0) << recorded.err;
+  EXPECT_THAT(recorded.err, HasSubstr("at most 2.0 N in its calibration"));
+  EXPECT_THAT(recorded.json()["warnings"].dump(), HasSubstr("motor_limit"));
+  EXPECT_THAT(run({"info", folder_ / "felt.h5"}).out, HasSubstr("at most 2.0 N"));
 }
 
 TEST_F(CalibratedPlay, WarnsOfGainsBeyondTheStabilityLimitBeforeItStarts) {

@@ -92,8 +92,9 @@ class Session {
   LearnedForce learned;
   RepetitionLog log;
   Tuning tuning;
-  double soften_from = 2 * kDuration;  ///< time on the path from which the feedback is softened [s]
-  double worst_step = 0;               ///< Largest change of the learned force from one tick to the next [N].
+  double soften_from = 2 * kDuration;   ///< time on the path from which the feedback is softened [s]
+  double vibrate_from = 2 * kDuration;  ///< time on the path from which it vibrates [s]
+  double worst_step = 0;                ///< Largest change of the learned force from one tick to the next [N].
 
  private:
   void tick(double time, const Load& load, bool stands = false) {
@@ -105,6 +106,7 @@ class Session {
     state.position = plant_.x;
     state.force_applied = sent_;
     state.softened = on_path >= soften_from;
+    state.vibrated = on_path >= vibrate_from;
     const Vec3 feedforward = learned.force({state, reference, tuning, kNone});
     worst_step = std::max(worst_step, (feedforward - last_).norm());
     last_ = feedforward;
@@ -266,6 +268,19 @@ TEST(IterativeLearning, LearnsNothingFromASoftenedRepetitionAndReturnsToTheBestT
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "the whole feedback acts again";
   session.soften_from = 0.99 * kDuration;
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "a moment is no other loop";
+}
+
+TEST(IterativeLearning, LearnsOnUnderAnotherLawThatIsWorseThanTheOneThatVibrated) {
+  Session session;
+  for (int i = 0; i < 3; ++i) session.learn(sine_load);
+  session.vibrate_from = 0.995 * kDuration;
+  EXPECT_EQ(session.learn(sine_load), Learned::softened) << "a moment of it is another loop";
+  session.vibrate_from = 2 * kDuration;
+  const auto other = [](double t, const Vec3& x, const Vec3& v) -> Vec3 { return -3 * sine_load(t, x, v); };
+  EXPECT_EQ(session.learn(other), Learned::learned);
+  const double first = session.learning.rms_error();
+  EXPECT_EQ(session.learn(other), Learned::learned);
+  EXPECT_LT(session.learning.rms_error(), 0.7 * first);
 }
 
 TEST(IterativeLearning, LeavesLoadsToTheTermsThatCancelThem) {

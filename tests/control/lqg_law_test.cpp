@@ -343,6 +343,37 @@ TEST(LqgLaw, IsExactForAFreeMassOfAnotherSizeWhenItIsScaled) {
   }
 }
 
+TEST(LqgLaw, CountsTheMassFromThatForWhichItIsDesigned) {
+  LqgLaw::Options options = law_of(LqgDevice::kMass);
+  LqgLaw one(options);
+  options.inertia = {.least = Vec3::Constant(0.5), .most = Vec3::Constant(0.5)};
+  options.designed_for = Vec3::Constant(0.5);
+  LqgLaw other(options);
+  Tuning tuning;
+  tuning.gains = gains_of(options.axes);
+  State state;
+  one.start(state);
+  other.start(state);
+  for (int i = 0; i < 100; ++i) {
+    state.dt = i == 0 ? 0 : kPeriod;
+    state.position.x() = 1e-4 * std::sin(0.1 * i);
+    const TermInput input{state, resting_at(kNone), tuning, kNone};
+    const Vec3 force = one.force(input);
+    ASSERT_LT((other.force(input) - force).norm(), 1e-12) << i;
+    state.force_applied = force;
+  }
+}
+
+TEST(InertiaMap, StatesTheTypicalMassAndItsRangeOverThePlacesThatItKnows) {
+  InertiaMap map{.centre = Vec3(0, 0.1, 0), .reach = Vec3(0.06, 0, 0), .least = Vec3::Constant(0.2)};
+  EXPECT_EQ(map.typical(), Vec3::Ones());
+  map.bend(0, 0) = -0.5 / (0.06 * 0.06);  // half of the mass at the reach, for the axis x alone
+  EXPECT_NEAR(map.typical().x(), std::sqrt((1 + 2 * 0.875 * 0.875 + 2 * 0.25) / 5), 1e-12);
+  EXPECT_EQ(map.typical().y(), 1);
+  EXPECT_NEAR(map.range().first.x(), 0.5, 1e-12);
+  EXPECT_EQ(map.range().second, Vec3::Ones());
+}
+
 TEST(LqgLaw, ForgetsEverythingWhenItStarts) {
   LqgDevice used(kEncoder), fresh(kEncoder);
   used.run(2, resting_at(Vec3(0.01, 0, 0)), Vec3(2, 1, 0));  // until the law is at rest

@@ -73,6 +73,8 @@ HeldDevice in_a_hand() {
   held.inertia->bend(2, 1) = -4;
   held.inertia->curve(1, 1) = 1.0 / 7;
   held.one_mass = false;
+  held.designed_for = Vec3(0.5, 1.0 / 3, 1);
+  held.plain_calm = true;
   held.designs[0].verdict = {true, 10.0 / 3, "it oscillates"};
   held.designs[1].verdict = {true, 4, "it vibrated at 30 Hz", "2026-01-31T12:00:00Z"};
   held.observer = {true, 2, ""};
@@ -201,6 +203,8 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_EQ(read.held->design(Firmness::normal).verdict.since, "2026-01-31T12:00:00Z");
   EXPECT_EQ(read.held->design(Firmness::exact).verdict.since, "");
   EXPECT_TRUE(read.held->observer.tried);
+  EXPECT_EQ(read.held->designed_for, Vec3(0.5, 1.0 / 3, 1));
+  EXPECT_TRUE(read.held->plain_calm);
 }
 
 TEST_F(DeviceProfiles, AreReadWithoutAHandAsOlderVersionsWroteThem) {
@@ -326,6 +330,15 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   expect(verdict(profile), "workspace changed");
   expect(verdict(example(), 1150), "servo rate of 1000 Hz, but the rate is 1150 Hz");
   expect(verdict(example(), 850), "850 Hz");
+  expect(verdict(example(), 1000, -3), "in the future");
+  EXPECT_EQ(verdict(example(), 1000, -1), "") << "two clocks may differ";
+  profile = example();
+  profile.plant.cogging = Cogging{.centre = Vec3::Zero(), .waves = {{.wave_number = Vec3(2000, 0, 0), .cosine = 5}}};
+  profile.plant.cogging->waves.push_back(profile.plant.cogging->waves.front());
+  profile.facts.max_force = 11;
+  EXPECT_EQ(check_profile(profile, profile.device, profile.facts, 1000, kMade), "");
+  profile.facts.max_force = 9;
+  expect(check_profile(profile, profile.device, profile.facts, 1000, kMade), "cogging of 10.0 N is beyond");
   expect(verdict(example(), 1000, 181), "181 days old, but it is valid for 180 days only");
   profile = example();
   profile.created = "yesterday";

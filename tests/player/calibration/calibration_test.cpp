@@ -442,6 +442,23 @@ TEST(Calibration, SaysThatATremorHidesTheDeviceAndNotThatTheAxesAreWrong) {
   }
 }
 
+TEST(Calibration, TakesNoForceOfAnArmThatYieldsForGravity) {
+  SimSpec spec = preset("falcon", "relaxed");
+  spec.hand->tremor = spec.hand->drift = 0;
+  spec.hand->arm_stiffness = 0;
+  spec.hand->arm_damping = 8;
+  SimDevice device(spec);
+  const CalibrationResult result = calibrated(device);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  const Vec3 centre = 0.5 * (spec.workspace.min + spec.workspace.max);
+  const PlantModel& found = result.identification.plant;
+  const Vec3 gravity = found.gravity + found.gravity_gradient * centre;
+  for (int axis = 0; axis < 3; ++axis)
+    EXPECT_LT(std::abs(gravity[axis] - (spec.gravity_bias + spec.gravity_gradient * centre)[axis]),
+              1.5 * result.identification.half_width.gravity[axis])
+        << axis;
+}
+
 TEST(Calibration, SaysThatTwoAxesAreSwapped) {
   class Swapped final : public Device {
    public:

@@ -65,6 +65,18 @@ TEST(TrackingMetrics, KeepEveryRepetitionButOnlyTheLastOfAnEndlessSession) {
   EXPECT_NEAR(metrics.last().rms_error, 0.003, 1e-12);
 }
 
+TEST(TrackingMetrics, KnowAfterWhichRepetitionOtherFeedbackActed) {
+  TrackingMetrics metrics(1000, 1);
+  const Event renewed{.code = EventCode::feedback_renewed, .values = {0.3, 1, kNaN}};
+  metrics.push(kRepetition);
+  EXPECT_FALSE(metrics.renewed_after());
+  metrics.push(kRepetition);
+  metrics.push(renewed);
+  metrics.push(kRepetition);
+  metrics.push(renewed);
+  EXPECT_EQ(metrics.renewed_after(), 2U);
+}
+
 TEST(TrackingMetrics, DoNotCountAGapOrTheReturnFromIt) {
   TrackingMetrics metrics(1000, 1);
   metrics.push(kRepetition);
