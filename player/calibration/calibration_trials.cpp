@@ -73,7 +73,7 @@ class LawTrials {
   /// Waits until the motors have cooled so far that the tour has nearly the force that a playback has. The excitation
   /// and the pulses before have warmed them, and so has every tour.
   void cool() {
-    constexpr double kWarm = 0.5;  // share of the continuous force, rms, that earlier forces may leave
+    constexpr double kWarm = 0.6;  // share of the continuous force, rms, that earlier forces may leave
     const MotorHeat* const motors = tour_.session.loop.motors;
     const SafetyLimits limits = ServoLoop::in_force(device_.info(), tour_.session.loop.limits);
     if (motors == nullptr || !(limits.max_continuous_force > 0)) return;
