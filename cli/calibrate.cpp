@@ -45,7 +45,8 @@ std::string announcement(const CalibrationPlan& plan, const DeviceInfo& info, co
       "  {}\n"
       "  if it does not respond like a mass, it then follows a small circle for up to half a minute\n"
       "  hold it loosely, as in later sessions, and let it move; Ctrl+C ends the calibration at any time",
-      info.name, plan.duration + 1, plan.places.empty() ? "" : ", then trying laws, a quarter of a minute each, with pauses while the motors cool",
+      info.name, plan.duration + 1,
+      plan.places.empty() ? "" : ", then trying laws, a quarter of a minute each, with pauses while the motors cool",
       axes_of(plan), places, plan.pulses ? ", and ends with strokes along each axis under pulses of force" : "",
       1e3 * std::max(farthest_place(plan) + 0.5 * plan.reach.maxCoeff(), plan.reach.maxCoeff()), plan.max_speed,
       plan.max_dither, plan.max_force, 1e3 * plan.max_deviation,

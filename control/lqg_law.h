@@ -69,10 +69,10 @@ PdGains gains_of(const std::array<std::optional<LqgLaws>, 3>& laws) noexcept;
 /// device saturates or an operator holds it.
 ///
 /// s scales the law to the mass at the reference: with s = m(x_d) / m from options.inertia and options.designed_for, a
-/// law for m becomes that for m(x_d) of a free mass, exactly. The load is clamped to its authority. Tuned gains scale the part of the feedback
-/// that is proportional to the error by kp over the law's stiffness, and the rest by kd over its damping; see
-/// gains_of(). While the reference rests, Rest keeps the load, and the law for rest replaces that for movement. Both
-/// are computed at every tick.
+/// law for m becomes that for m(x_d) of a free mass, exactly. The load is clamped to its authority. Tuned gains scale
+/// the part of the feedback that is proportional to the error by kp over the law's stiffness, and the rest by kd over
+/// its damping; see gains_of(). While the reference rests, Rest keeps the load, and the law for rest replaces that for
+/// movement. Both are computed at every tick.
 ///
 /// An axis without a law is not driven.
 class LqgLaw final : public ForceTerm {
