@@ -1,13 +1,13 @@
 // Cost of the live view for the servo loop: sessions on the monotonic clock, in turns without a view and with a view to
 // which five pages are attached that receive every sample. The pages are processes of their own, as browsers are.
 //   haptrace_view_ticks [PAIRS [SECONDS]]      default 10 pairs of 20 s
+#include "base/statistics.h"
 #include "devices/registry.h"
 #include "player/record.h"
 #include "player/record_controllers.h"
 #include "tests/view/page_client.h"
 #include "view/live_view.h"
 
-#include <algorithm>
 #include <csignal>
 #include <fmt/format.h>
 #include <string>
@@ -56,11 +56,6 @@ Times run(double seconds, LiveView* view) {
       });
   if (view != nullptr) view->end(result);
   return {1e6 * result.servo.tick_time.quantile(0.999), 1e6 * result.servo.latency.quantile(0.999)};
-}
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
 }
 
 }  // namespace
