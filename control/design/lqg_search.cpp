@@ -102,16 +102,18 @@ class AxisSearch {
     far_.push_back(plant("no hand", [](AxisModel& m) { m.hand = {}; }));
     far_.push_back(plant("a loose hand", [](AxisModel& m) { m.hand = kLooseHand; }));
     far_.push_back(plant("a firm hand", [](AxisModel& m) { m.hand = kFirmHand; }));
-    for (const auto& [name, mass] : {std::pair{"the hand where the device is lightest", options.least},
-                                     {"the hand where the device is heaviest", options.most}})
-      if (mass != 1)
-        far_.push_back(plant(name, [&](AxisModel& m) {
-          m.hand.mass /= mass;
-          m.hand.grip_stiffness /= mass;
-          m.hand.grip_damping /= mass;
-          m.hand.arm_stiffness /= mass;
-          m.hand.arm_damping /= mass;
-        }));
+    const auto hand_at = [&](const char* name, double mass) {
+      if (mass == 1) return;
+      far_.push_back(plant(name, [&](AxisModel& m) {
+        m.hand.mass /= mass;
+        m.hand.grip_stiffness /= mass;
+        m.hand.grip_damping /= mass;
+        m.hand.arm_stiffness /= mass;
+        m.hand.arm_damping /= mass;
+      }));
+    };
+    hand_at("the hand where the device is lightest", options.least);
+    hand_at("the hand where the device is heaviest", options.most);
     far_.push_back(plant("no hand and a lighter device", [&](AxisModel& m) {
       m.hand = {};
       m.mass *= options.lighter;
