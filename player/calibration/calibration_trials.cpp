@@ -82,7 +82,11 @@ class LawTrials {
     RecordOptions rest{.duration = limits.continuous_time * std::log(excess), .session = tour_.session};
     rest.session.recording.reset();
     rest.session.observer = nullptr;
-    (void)record(device_, rest, stop_, progress_);  // the tour notices why it ended early
+    const Progress waits = [this](SessionView view) {
+      view.warnings.clear();  // that the motors are warm
+      if (progress_) progress_(view);
+    };
+    (void)record(device_, rest, stop_, waits);  // the tour notices why it ended early
   }
 
   [[nodiscard]] TourResult tried() {
