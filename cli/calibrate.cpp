@@ -170,8 +170,8 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
     text += fmt::format(
         "  coarse: {}. The model therefore covers slow movement only (to 20 Hz).\n"
         "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
-        "  playback is less accurate than usual\n",
-        result.doubt, 100 * result.bandwidth);
+        "  playback is less accurate than usual. Over the workspace: {}\n",
+        result.doubt, 100 * result.bandwidth, text_of(design.verdict));
   if (result.held) text += text_of(*result.held);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);

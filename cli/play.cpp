@@ -288,10 +288,12 @@ bool keep_learned(LearnedMemory& memory, const PlayResult& result, nlohmann::jso
 /// Notes in the profile that the law vibrated, if it did. The results of the session stay valid if that fails.
 void keep_verdict(const std::string& file, const PlayOptions& options, DeviceProfile profile, PlayResult& result,
                   const Output& output) {
-  if (!profile.held) return;
   const std::string now = rfc3339(std::chrono::system_clock::now());
-  const std::string text = refuse_vibrated(result, options, now, *profile.held);
+  IdentifiedDevice device = profile.identified();
+  const std::string text = refuse_vibrated(result, options, now, device);
   if (text.empty()) return;
+  profile.design = std::move(device.design);
+  profile.held = std::move(device.held);
   try {
     save_profile(profile, file, true);
   } catch (const Error& error) {

@@ -915,6 +915,11 @@ void take_held(const Experiment& experiment, const LineSpectrum& spectrum, bool 
   else if (turns_round(spectrum, *experiment.dither, delay))
     for (int other = std::max(periods - 1, 0); other <= periods; ++other)
       fit_held(experiment, spectrum, other, true, fits);
+  // A device that swings on its link within the lines seems to be late.
+  const auto explained = [](const auto& fit) { return fit && fit->residual < kMostUnexplained; };
+  if (responds && std::ranges::none_of(fits, explained))
+    for (int other = 0; other < std::min(periods - 1, kMostPeriods + 1); ++other)
+      fit_held(experiment, spectrum, other, true, fits);
   // Each part needs evidence of its own.
   std::array<double, 4> cost{};
   for (std::size_t choice = 0; choice < 4; ++choice)

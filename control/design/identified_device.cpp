@@ -50,8 +50,9 @@ HandKnown parse_hand_known(std::string_view name) {
 HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
                        double max_force) {
   HeldDevice device{.margin = held.margin, .position_noise = measured_noise(identified.plant)};
-  const double fine = std::min(kFineRipple, kMostFine * max_force) / std::numbers::sqrt3;
-  device.ripple = std::max(device.position_noise * plain_ripple(rate_hz), fine);
+  const double most = kMostLawRipple * max_force / std::numbers::sqrt3,
+               fine = std::min(kFineRipple / std::numbers::sqrt3, most);
+  device.ripple = std::clamp(device.position_noise * plain_ripple(rate_hz), fine, most);
   if (held.held.held()) {
     device.model = held.held;
     device.half_width = held.half_width;
@@ -65,15 +66,18 @@ HeldDevice held_device(const Identification& identified, const HeldIdentificatio
   return device;
 }
 
+std::pair<Vec3, Vec3> HeldDevice::mass_range() const noexcept {
+  const auto [least, most] = inertia ? inertia->range() : std::pair<Vec3, Vec3>{Vec3::Ones(), Vec3::Ones()};
+  return {least.cwiseQuotient(designed_for), most.cwiseQuotient(designed_for)};
+}
+
 bool design_laws(HeldDevice& device, double rate_hz, const StopRequest& stop,
                  const std::function<void(double)>& progress) {
   LqgSearchOptions options{.plain_ripple = device.ripple};
-  if (device.inertia) {
-    device.designed_for = device.inertia->typical().cwiseMax(kLightest);
-    const auto [least, most] = device.inertia->range();
-    options.least = least.cwiseQuotient(device.designed_for).minCoeff();
-    options.most = most.cwiseQuotient(device.designed_for).maxCoeff();
-  }
+  if (device.inertia) device.designed_for = device.inertia->typical().cwiseMax(kLightest);
+  const auto [least, most] = device.mass_range();
+  options.least = least.minCoeff();
+  options.most = most.maxCoeff();
   const auto axes = models_of(device, rate_hz);
   // The first search takes half of the time, since nothing is known.
   constexpr std::array kOrder{Firmness::normal, Firmness::quiet, Firmness::exact};

@@ -12,6 +12,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace haptrace {
@@ -25,14 +26,6 @@ enum class HandKnown : std::uint8_t {
 
 const char* to_string(HandKnown known) noexcept;
 HandKnown parse_hand_known(std::string_view name);  ///< throws Error(input)
-
-/// Result of a law's trial over the workspace, and of the playbacks after it.
-struct LawVerdict {
-  bool tried = false;
-  double improvement = 0;  ///< error of plain PD control over that of the law, at the place where it is smallest
-  std::string refused;     ///< why the law must not be used; empty if it may
-  std::string since{};     ///< time of the playback that refused it, RFC 3339; empty: refused in its trial
-};
 
 /// The laws of one firmness, as the numbers from which lqg_laws() follows, and what the search predicts of them.
 struct LqgDesign {
@@ -56,12 +49,13 @@ struct HeldDevice {
   Vec3 designed_for = Vec3::Ones();
   bool one_mass = true;  ///< nothing is known about it: the laws bear a mass that differs by a third
   std::array<LqgDesign, kFirmnesses.size()> designs;
-  LawVerdict observer;      ///< on the law with an observer, which is tried if an LQG law was refused
-  bool plain_calm = false;  ///< plain PD control (TrackingDesign::plain) was tried and stayed calm
 
   [[nodiscard]] const LqgDesign& design(Firmness firmness) const noexcept {
     return designs[static_cast<std::size_t>(firmness)];
   }
+  /// Returns the smallest and the largest mass in the workspace, per axis, over that for which the laws are designed.
+  [[nodiscard]] std::pair<Vec3, Vec3> mass_range() const noexcept;
+
   [[nodiscard]] LqgDesign& design(Firmness firmness) noexcept { return designs[static_cast<std::size_t>(firmness)]; }
 };
 
@@ -73,12 +67,13 @@ struct IdentifiedDevice {
 };
 
 /// Returns the model of a device for the laws, without these. `max_force` is the device's largest force [N]. Laws may
-/// use as much ripple as a plain PD law makes (haptrace::plain_ripple) and more where this is hardly felt: kMostFine of
-/// the device's force, up to kFineRipple.
+/// use as much ripple as a plain PD law makes (haptrace::plain_ripple) and more where this is hardly felt, kFineRipple.
+/// They never use more than kMostLawRipple of the device's force: where one count of a coarse encoder asks for more, a
+/// law would chatter between two counts harder than the servo loop lets it.
 HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
                        double max_force);
-inline constexpr double kFineRipple = 0.15;  ///< magnitude [N]
-inline constexpr double kMostFine = 0.1;
+inline constexpr double kFineRipple = 0.15;    ///< magnitude [N]
+inline constexpr double kMostLawRipple = 0.1;  ///< magnitude, share of the largest force
 
 /// Searches the laws of all firmnesses for the model of `device`. Returns false if `stop` was raised; the designs are
 /// then incomplete. `progress` receives the share that is done, in the calling thread. Throws what search_lqg() throws.

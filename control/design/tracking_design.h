@@ -4,9 +4,19 @@
 #include "control/design/plant_model.h"
 #include "control/tuning.h"
 
+#include <string>
+
 namespace haptrace {
 
-/// Parameters of a tracking law with an observer.
+/// Result of a law's trial on the device, and of the playbacks after it.
+struct LawVerdict {
+  bool tried = false;
+  double improvement = 0;  ///< error of plain PD control over that of the law, at the place where it is smallest
+  std::string refused;     ///< why the law must not be used; empty if it may
+  std::string since{};     ///< time of the playback that refused it, RFC 3339; empty: refused in its trial
+};
+
+/// Parameters of a tracking law with an observer, and of plain PD control.
 struct TrackingDesign {
   PdGains gains;    ///< stiff, with margins
   PdGains largest;  ///< tuning limit: half of the gains that destabilise the free device, at most 3 times `gains`
@@ -19,6 +29,8 @@ struct TrackingDesign {
   double authority = 0;      ///< largest force of the disturbance compensation, magnitude [N]
   double ripple = 0;  ///< expected ripple of the command above 25 Hz from position resolution and noise, rms magnitude,
                       ///< if the tool crosses a count every few ticks [N]
+  LawVerdict verdict{};     ///< on the law with an observer
+  bool plain_calm = false;  ///< `plain` was tried and stayed calm
 };
 
 /// Constraints of a design.

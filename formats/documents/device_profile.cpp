@@ -59,6 +59,12 @@ json json_of(const PlantModel& plant) {
   return object;
 }
 
+json json_of(const LawVerdict& verdict) {
+  json json{{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
+  if (!verdict.since.empty()) json["refused_since"] = verdict.since;
+  return json;
+}
+
 json json_of(const TrackingDesign& design) {
   return {{"kp", haptrace::json_of(design.gains.kp)},
           {"kd", haptrace::json_of(design.gains.kd)},
@@ -71,7 +77,9 @@ json json_of(const TrackingDesign& design) {
           {"observer_hz", design.observer_hz},
           {"load_hz", design.load_hz},
           {"authority_n", design.authority},
-          {"ripple_n", design.ripple}};
+          {"ripple_n", design.ripple},
+          {"trial", json_of(design.verdict)},
+          {"plain_calm", design.plain_calm}};
 }
 
 /// A JsonReader of which all keys are required.
@@ -159,6 +167,24 @@ PlantModel plant_from(JsonReader reader) {
   return plant;
 }
 
+/// Reads a time as text.
+std::string time_from(Required& required, const char* key, const std::string& where) {
+  std::string time = required.text(key);
+  if (!parse_rfc3339(time))
+    throw input_error(fmt::format("{}: {}: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, key, time));
+  return time;
+}
+
+LawVerdict verdict_from(JsonReader reader) {
+  Required required(reader);
+  LawVerdict verdict{.tried = required.boolean("tried"),
+                     .improvement = required.number("improvement", 0, kLargest),
+                     .refused = required.text("refused")};
+  if (reader.has("refused_since")) verdict.since = time_from(required, "refused_since", reader.where());
+  reader.finish();
+  return verdict;
+}
+
 TrackingDesign design_from(JsonReader reader) {
   Required required(reader);
   TrackingDesign design;
@@ -171,6 +197,8 @@ TrackingDesign design_from(JsonReader reader) {
   design.load_hz = required.number("load_hz", 0, kLargest);
   design.authority = required.number("authority_n", 0, kLargest);
   design.ripple = required.number("ripple_n", 0, kLargest);
+  if (auto trial = reader.object("trial")) design.verdict = verdict_from(*trial);
+  design.plain_calm = reader.boolean("plain_calm", false);
   reader.finish();
   return design;
 }
@@ -252,30 +280,6 @@ constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
                                                 {"mass_factor", &LqgNumbers::mass_factor},
                                                 {"hand_share", &LqgNumbers::hand_share}}};
 
-/// Reads a time as text.
-std::string time_from(Required& required, const char* key, const std::string& where) {
-  std::string time = required.text(key);
-  if (!parse_rfc3339(time))
-    throw input_error(fmt::format("{}: {}: expected a time as 2026-01-31T12:00:00Z, found '{}'", where, key, time));
-  return time;
-}
-
-json json_of(const LawVerdict& verdict) {
-  json json{{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
-  if (!verdict.since.empty()) json["refused_since"] = verdict.since;
-  return json;
-}
-
-LawVerdict verdict_from(JsonReader reader) {
-  Required required(reader);
-  LawVerdict verdict{.tried = required.boolean("tried"),
-                     .improvement = required.number("improvement", 0, kLargest),
-                     .refused = required.text("refused")};
-  if (reader.has("refused_since")) verdict.since = time_from(required, "refused_since", reader.where());
-  reader.finish();
-  return verdict;
-}
-
 json json_of(const LqgDesign& design) {
   json object{{"error_m", design.figures.error},
               {"ripple_n", design.figures.ripple},
@@ -341,13 +345,12 @@ json json_of(const HeldDevice& held) {
   if (held.inertia) object["inertia"] = json_of(*held.inertia);
   if (held.designed_for != Vec3::Ones()) object["designed_for"] = haptrace::json_of(held.designed_for);
   object["one_mass"] = held.one_mass;
-  object["observer_trial"] = json_of(held.observer);
-  object["plain_calm"] = held.plain_calm;
   for (const Firmness firmness : kFirmnesses) object["laws"][to_string(firmness)] = json_of(held.design(firmness));
   return object;
 }
 
-HeldDevice held_device_from(JsonReader reader) {
+/// Older profiles kept here what `design` holds now: it is moved there.
+HeldDevice held_device_from(JsonReader reader, TrackingDesign& design) {
   Required required(reader);
   HeldDevice held;
   held.model = held_from(required.object("model"));
@@ -359,8 +362,8 @@ HeldDevice held_device_from(JsonReader reader) {
   if (const auto inertia = reader.object("inertia")) held.inertia = inertia_from(*inertia);
   held.designed_for = reader.vector("designed_for", held.designed_for, 0.01, 100);
   held.one_mass = required.boolean("one_mass");
-  held.observer = verdict_from(required.object("observer_trial"));
-  held.plain_calm = reader.boolean("plain_calm", false);
+  if (auto trial = reader.object("observer_trial")) design.verdict = verdict_from(*trial);
+  design.plain_calm = reader.boolean("plain_calm", design.plain_calm);
   JsonReader laws = required.object("laws");
   Required of_laws(laws);
   for (const Firmness firmness : kFirmnesses)
@@ -480,7 +483,7 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   profile.coarse = reader.boolean("coarse", false);
   profile.reason = required.text("reason");
   profile.design = design_from(required.object("design"));
-  if (const auto held = reader.object("held")) profile.held = held_device_from(*held);
+  if (const auto held = reader.object("held")) profile.held = held_device_from(*held, profile.design);
   reader.finish();
   return profile;
 }

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <fmt/format.h>
 #include <utility>
+#include <vector>
 
 namespace haptrace {
 namespace {
@@ -81,10 +82,12 @@ class CalibrationRun {
     } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
       return std::move(result_);
     }
-    if (result_.identification.fits)
-      try_designs(device_, plan_, options_.session, stop_, progress_, result_);
-    else
+    if (!result_.identification.fits) {
       result_.reason = result_.doubt + "; " + result_.identification.reason;
+      return std::move(result_);
+    }
+    try_designs(device_, plan_, options_.session, stop_, progress_, result_);
+    if (result_.design && options_.places) try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
     return std::move(result_);
   }
 
@@ -104,6 +107,7 @@ class CalibrationRun {
                          : std::string();
     if (!result_.reason.empty()) return false;
     take_motors(log);
+    reached_ = log.experiment(plan_).places;
     return true;
   }
 
@@ -128,6 +132,16 @@ class CalibrationRun {
     result_.identification = std::move(identified);
   }
 
+  /// Takes the delay of the model with a hand if it is much shorter. To the model without a hand and links, a device
+  /// that swings within the lines seems late.
+  void take_delay(const HeldIdentification& seen) {
+    constexpr double kMuch = 2e-3;  // [s]
+    const double delay = seen.held.delay + seen.held.lag;
+    if (!seen.held.held() || result_.identification.plant.delay - delay < kMuch) return;
+    result_.identification.plant.delay = delay;
+    result_.identification.half_width.delay = seen.half_width.lag;
+  }
+
   /// Designs the laws for a full model, and tries them.
   void design(Experiment experiment) {
     std::vector<TickRow> rows;
@@ -135,17 +149,18 @@ class CalibrationRun {
       rows = without_cogging(experiment, *plant.cogging, plant.delay);
       experiment.rows = rows;
     }
+    const HeldIdentification seen = identify_held(experiment, result_.identification);
+    take_delay(seen);
     result_.design =
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
-    HeldDevice held = held_device(result_.identification, identify_held(experiment, result_.identification),
-                                  plan_.rate_hz, plan_.device_force);
+    HeldDevice held = held_device(result_.identification, seen, plan_.rate_hz, plan_.device_force);
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))
       return end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
     result_.held.emplace(std::move(held));
-    if (options_.places) try_laws(device_, plan_, experiment.places, options_, stop_, progress_, result_);
+    if (options_.places) try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
   }
 
   /// Runs a gentler session, with the mass that the `first` one showed before it ended early, and makes a coarse model
@@ -175,6 +190,7 @@ class CalibrationRun {
   const StopRequest& stop_;
   const Progress& progress_;
   CalibrationPlan plan_;
+  std::vector<ExperimentPlace> reached_;  ///< in the last session that came to its end
   CalibrationResult result_;
 };
 

@@ -48,7 +48,7 @@ struct CalibrationResult {
 ///
 /// If the response is not that of a mass, identify_coarsely makes a coarse model. The law designed for it is then tried
 /// out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth. The first law that
-/// passes is kept; if none passes, the result has no design.
+/// passes is kept, and compared with plain PD control over the workspace; if none passes, the result has no design.
 ///
 /// If the response is that of a mass, LQG laws are searched, and tried over the workspace beside plain PD control
 /// (workspace_trial.h); `held` says what came of it. The calibration needs to know only the device's largest force,

@@ -88,20 +88,20 @@ Command CalibrationController::update(const State& state) noexcept {
   Command command;
   command.reference = reference;
   command.phase = stage_ == Stage::approach ? Phase::approach : stage_ == Stage::done ? Phase::hold : Phase::run;
-  Vec3 hum = Vec3::Zero();
+  Vec3 excitation = Vec3::Zero();
   if (stage_ == Stage::look || stage_ == Stage::swing || stage_ == Stage::place)
-    hum = dither_.cwiseProduct(plan_.dither.value(now));
-  if (stage_ == Stage::pulse) hum[axis_] = pulse(now - began_);
-  if (const double size = hum.norm(); size > plan_.max_force) hum *= plan_.max_force / size;
+    excitation = dither_.cwiseProduct(plan_.dither.value(now));
+  if (stage_ == Stage::pulse) excitation[axis_] = pulse(now - began_);
+  if (const double size = excitation.norm(); size > plan_.max_force) excitation *= plan_.max_force / size;
   Vec3 pull = driven_part(pd_force(gains_, state, reference));
   if (stage_ == Stage::pulse) {
     // Both pulses of a pair together leave the feedback its force, which the weight of the device needs.
-    pull = shortened(pull + hum, plan_.max_force) - hum;
+    pull = shortened(pull + excitation, plan_.max_force) - excitation;
   } else {
-    pull = shortened(pull, std::max(plan_.max_force - hum.norm(), 0.0));
+    pull = shortened(pull, std::max(plan_.max_force - excitation.norm(), 0.0));
   }
-  command.wrench.force = pull + hum;
-  command.feedforward = hum;
+  command.wrench.force = pull + excitation;
+  command.feedforward = excitation;
 
   const double deviation = driven_part(reference.position - state.position).norm();
   if (deviation > plan_.max_deviation && verdict_ == Verdict::none) {

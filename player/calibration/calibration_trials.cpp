@@ -10,9 +10,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
-#include <optional>
 #include <span>
-#include <utility>
 
 namespace haptrace {
 namespace {
@@ -56,12 +54,14 @@ class LawTrials {
     if ((refused || options_.full) && !judge_firmness(Firmness::quiet)) return;
     if (options_.full && !judge_firmness(Firmness::exact)) return;
     if (!refused) return;
-    refuse_unless_worthwhile(result_.held->design(Firmness::quiet).verdict);
+    refuse_below(kWorthwhile, "another one was refused", result_.held->design(Firmness::quiet).verdict);
     if (!is_refused(Firmness::quiet)) return;
-    law_.law = TrackingLaw::observer;
-    law_.firmness.reset();
-    if (!judge(result_.design->ripple, result_.held->observer)) return;
-    refuse_unless_worthwhile(result_.held->observer);
+    if (judge_observer()) refuse_below(kWorthwhile, "another one was refused", result_.design->verdict);
+  }
+
+  /// Compares the law for a coarse model with plain PD control. Returns early if the user or the device ends it.
+  void run_coarse() {
+    if (try_plain() && judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
   }
 
  private:
@@ -116,9 +116,9 @@ class LawTrials {
       result_.design->plain = gains;
       plain_ = tried();
       if (ended(plain_)) return false;
-      result_.held->plain_calm =
+      result_.design->plain_calm =
           plain_.finished() && plain_.oscillations == 0 && std::ranges::max(plain_.ripple) <= most_ripple_;
-      if (result_.held->plain_calm) break;
+      if (result_.design->plain_calm) break;
     }
     law_.compensations = PlayOptions{}.compensations;
     return true;
@@ -127,7 +127,8 @@ class LawTrials {
   /// Returns the identified device as it is where its mass is smallest.
   [[nodiscard]] PlantModel lightest() const {
     PlantModel plant = result_.identification.plant;
-    if (const auto& inertia = result_.held->inertia) plant.mass = plant.mass.cwiseProduct(inertia->range().first);
+    if (result_.held && result_.held->inertia)
+      plant.mass = plant.mass.cwiseProduct(result_.held->inertia->range().first);
     return plant;
   }
 
@@ -156,18 +157,26 @@ class LawTrials {
     law_.firmness = firmness;
     LqgDesign& design = result_.held->design(firmness);
     // The law follows the mass, and so does its ripple.
-    const HeldDevice& held = *result_.held;
-    const double most = held.inertia ? held.inertia->range().second.cwiseQuotient(held.designed_for).maxCoeff() : 1;
-    return judge(most * design.figures.ripple, design.verdict);
+    return judge(result_.held->mass_range().second.maxCoeff() * design.figures.ripple, design.verdict);
   }
 
-  /// Refuses a law that would come second, but is hardly better than plain PD control at some place. The model failed
-  /// on this device, and plain PD control that learns follows at least as well.
-  static void refuse_unless_worthwhile(LawVerdict& verdict) {
-    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
-    verdict.refused = fmt::format(
-        "another one was refused, and at one place this one is only {:.2f} times as accurate as plain PD control",
-        verdict.improvement);
+  /// Judges the law with an observer, as judge() does.
+  [[nodiscard]] bool judge_observer() {
+    law_.law = TrackingLaw::observer;
+    law_.firmness.reset();
+    // What ends the trials leaves no design.
+    LawVerdict verdict;
+    const bool judged = judge(result_.design->ripple, verdict);
+    if (judged) result_.design->verdict = verdict;
+    return judged;
+  }
+
+  /// Refuses a law that is less than `least` times as accurate as plain PD control at some place, where `doubt` says
+  /// why its model is to be doubted: plain PD control that learns follows at least as well there.
+  static void refuse_below(double least, const char* doubt, LawVerdict& verdict) {
+    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= least) return;
+    verdict.refused = fmt::format("{}, and at one place it is only {:.2f} times as accurate as plain PD control", doubt,
+                                  verdict.improvement);
   }
 
   [[nodiscard]] bool is_refused(Firmness firmness) const {
@@ -237,7 +246,11 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
 void try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
               const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
               CalibrationResult& result) {
-  LawTrials(device, plan, places, options, stop, progress, result).run();
+  LawTrials trials(device, plan, places, options, stop, progress, result);
+  if (result.held)
+    trials.run();
+  else
+    trials.run_coarse();
 }
 
 }  // namespace haptrace

@@ -15,9 +15,9 @@ void end_early(StopCause cause, const std::string& reason, CalibrationResult& re
 void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
                  const Progress& progress, CalibrationResult& result);
 
-/// Tries the laws for a full model at the centre and at `places` that the device reached before, and notes in the
-/// result what came of it. A law that fails is designed again for a mass that differs more; if that fails too, the
-/// softer ones are tried. Returns early if the user or the device ends it.
+/// Tries the laws beside plain PD control at the centre and at `places` that the device reached before, and notes in
+/// the result what came of it. An LQG law that fails is designed again for a mass that differs more; if that fails too,
+/// the softer ones are tried. For a coarse model there is one law. Returns early if the user or the device ends it.
 void try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
               const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
               CalibrationResult& result);

@@ -25,7 +25,8 @@ void FirstLook::reset() noexcept {
   windows_ = 0;
 }
 
-void FirstLook::add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept {
+void FirstLook::add(const State& state, double time, double share, const Vec3& speed_asked,
+                    const Vec3& excitation) noexcept {
   const double window = 0.5 * (1 - std::cos(kTwoPi * share));
   windows_ += window;
   for (int axis = 0; axis < 3; ++axis) {
@@ -33,7 +34,7 @@ void FirstLook::add(const State& state, double time, double share, const Vec3& s
     for (Sum& sum : sums_[static_cast<std::size_t>(axis)]) {
       const std::complex<double> turn = std::polar(window, -sum.w * time);
       sum.force += turn * std::polar(1.0, sum.w * state.dt) * state.force_applied[axis];
-      sum.hum += turn * hum[axis];
+      sum.excitation += turn * excitation[axis];
       for (int i = 0; i < 3; ++i) sum.position[static_cast<std::size_t>(i)] += turn * state.position[i];
     }
     speed_[axis] += std::abs(state.velocity[axis]);
@@ -101,7 +102,7 @@ bool FirstLook::repeats(const FirstLook& other, int axis) const noexcept {
     const Sum &a = sums_[static_cast<std::size_t>(axis)][line], &b = other.sums_[static_cast<std::size_t>(axis)][line];
     double largest = 0;
     for (std::size_t i = 0; i < 3; ++i) {
-      const std::complex<double> in_a = a.position[i] / a.hum, in_b = b.position[i] / b.hum;
+      const std::complex<double> in_a = a.position[i] / a.excitation, in_b = b.position[i] / b.excitation;
       const double both = std::abs(in_a) + std::abs(in_b);
       if (!(both > largest)) continue;
       largest = both;

@@ -18,9 +18,9 @@ class FirstLook {
 
   void reset() noexcept;
 
-  /// Adds one sample. `share`: part of the window that has passed at `time`, 0 to 1. `hum`: excitation signal at `time`
+  /// Adds one sample. `share`: part of the window that has passed at `time`, 0 to 1. `excitation`: signal at `time`
   /// for 1 N rms per axis.
-  void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& hum) noexcept;
+  void add(const State& state, double time, double share, const Vec3& speed_asked, const Vec3& excitation) noexcept;
 
   /// Returns the apparent mass, the median over the lines [kg].
   [[nodiscard]] double mass(int axis) const noexcept;
@@ -58,7 +58,7 @@ class FirstLook {
 
   struct Sum {
     double w = 0;
-    std::complex<double> force{}, hum{};
+    std::complex<double> force{}, excitation{};
     std::array<std::complex<double>, 3> position{};
   };
 

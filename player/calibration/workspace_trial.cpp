@@ -1,8 +1,9 @@
 #include "player/calibration/workspace_trial.h"
 
-#include "control/oscillation_count.h"
+#include "control/limits.h"
 #include "control/path/min_jerk.h"
 #include "control/ripple.h"
+#include "devices/loop/servo_loop.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,7 +16,8 @@ namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kSlow = 0.4;      // of the speed, at every second place
-constexpr double kAtLimit = 0.98;  // share of the largest force that counts as the limit
+constexpr double kAtLimit = 0.98;  // share of the allowed force that counts as the limit
+constexpr double kHand = 15;       // below it, the mass of a hand may swing on its grip after a movement [Hz]
 
 /// Returns the tour as a path that lies within the workspace, also along axes that the device does not drive.
 Path path_of(const DeviceInfo& info, const WorkspaceTour& tour) {
@@ -47,49 +49,67 @@ Path path_of(const DeviceInfo& info, const WorkspaceTour& tour) {
   return path;
 }
 
-/// Gathers error and ripple at each place while the reference is on its circle.
+/// Gathers error and ripple at each place while the reference is on its circle, and whether the force is at its limit
+/// until it is on the next one. Counts oscillations, but not those of a loop that lacks force because the motors are
+/// hot.
 class PlaceFigures final : public SampleSink {
  public:
-  PlaceFigures(const WorkspaceTour& tour, double max_force, double rate_hz)
+  PlaceFigures(const WorkspaceTour& tour, const SafetyLimits& limits)
       : places_(tour.places),
         reach_(1.2 * tour.radius),
-        most_(max_force > 0 ? kAtLimit * max_force : std::numeric_limits<double>::infinity()),
-        ripple_(kRippleCutoff, rate_hz),
-        sums_(tour.places.size()) {}
+        period_(1 / tour.session.loop.rate_hz),
+        limiter_(limits),
+        ripple_(kRippleCutoff, tour.session.loop.rate_hz),
+        sums_(tour.places.size()) {
+    if (const MotorHeat* const motors = tour.session.loop.motors) limiter_.warm(motors->force, motors->rested);
+  }
 
   using SampleSink::push;
   void push(const Sample& sample) noexcept override {
     const double ripple = ripple_.update(sample.force);
+    const bool limited = sample.force.norm() > kAtLimit * limiter_.allowed();
+    limiter_.acted(sample.force, period_);
     if (sample.phase != Phase::run) return;
     for (std::size_t i = 0; i < places_.size(); ++i) {
       if (!((sample.reference_position - places_[i]).norm() < reach_)) continue;
-      Sum& sum = sums_[i];
+      Sum& sum = sums_[at_ = i];
       sum.error += (sample.position - sample.reference_position).squaredNorm();
       sum.ripple += ripple;
-      sum.saturated += sample.force.norm() > most_ ? 1 : 0;
       ++sum.ticks;
-      return;
+      break;
     }
+    ++sums_[at_].all_ticks;
+    sums_[at_].saturated += limited ? 1 : 0;
+  }
+  void push(const Event& event) noexcept override {
+    const bool seen_in_position = event.code == EventCode::oscillation || event.code == EventCode::oscillation_stays;
+    const bool of_hand = seen_in_position && event.values[1] < kHand;
+    if (is_oscillation(event.code) && !of_hand && !(limiter_.heat() > 1)) ++oscillations_;
   }
 
   void write(TourResult& result) const {
+    result.oscillations = oscillations_;
     for (const Sum& sum : sums_) {
       result.rms_error.push_back(sum.ticks > 0 ? std::sqrt(sum.error / sum.ticks) : kNaN);
       result.ripple.push_back(sum.ticks > 0 ? std::sqrt(sum.ripple / sum.ticks) : kNaN);
-      result.saturated.push_back(sum.ticks > 0 ? static_cast<double>(sum.saturated) / sum.ticks : 1);
+      result.saturated.push_back(sum.ticks > 0 ? static_cast<double>(sum.saturated) / sum.all_ticks : 1);
     }
   }
 
  private:
   struct Sum {
     double error = 0, ripple = 0;
-    int saturated = 0, ticks = 0;
+    int ticks = 0;  ///< on the circle
+    int all_ticks = 0, saturated = 0;
   };
 
   std::vector<Vec3> places_;
-  double reach_, most_;
+  std::size_t at_ = 0;
+  double reach_, period_;
+  ForceLimiter limiter_;
   Ripple ripple_;
   std::vector<Sum> sums_;
+  int oscillations_ = 0;
 };
 
 /// Largest error of a law over that of PD control at a single place. A law that follows the mass is softer than PD
@@ -115,13 +135,11 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
                       .session = tour.session};
   options.session.recording.reset();
   options.playback.max_deviation = tour.max_deviation;
-  OscillationCount oscillations;
   const DeviceInfo& info = device.info();
-  const double asked = options.session.loop.limits.max_force;
-  PlaceFigures figures(tour, asked > 0 ? asked : info.max_force, options.session.loop.rate_hz);
-  options.sinks = {&oscillations, &figures};
+  PlaceFigures figures(tour, ServoLoop::in_force(info, tour.session.loop.limits));
+  options.sinks = {&figures};
   PlayResult played = play(device, plan_playback(info, path_of(info, tour), options), options, stop, progress);
-  TourResult result{.session = std::move(played.session), .oscillations = oscillations.count()};
+  TourResult result{.session = std::move(played.session)};
   figures.write(result);
   return result;
 }

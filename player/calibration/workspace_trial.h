@@ -23,8 +23,8 @@ struct TourResult {
   SessionResult session;
   std::vector<double> rms_error;  ///< measured rms error at each place [m]
   std::vector<double> ripple;     ///< force above 25 Hz at each place, rms [N]
-  std::vector<double> saturated;  ///< share of the ticks at each place in which the force was at its limit
-  int oscillations = 0;           ///< reports of the oscillation monitor
+  std::vector<double> saturated;  ///< share of the ticks from each place on in which the force was at its limit
+  int oscillations = 0;           ///< reports of the monitors, but for slow ones and those while the motors are hot
 
   [[nodiscard]] bool finished() const noexcept { return session.servo.cause == StopCause::finished; }
 };
@@ -39,9 +39,9 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
 double least_improvement(const TourResult& law, const TourResult& plain) noexcept;
 
 /// Returns why a law must not be used on a device that followed the same tour under plain PD control; empty if it may:
-/// it finished without an oscillation, its error over all places was smaller, and at no place was it larger than 1.3
-/// times that of PD control. Places where either was at the limit of the force do not count. `max_ripple` bounds the
-/// force ripple at any place [N].
+/// it finished without an oscillation, its error over all places was smaller, and at no place was it larger
+/// than 1.3 times that of PD control. Places where either was at the limit of the force do not count. `max_ripple`
+/// bounds the force ripple at any place [N].
 std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple);
 
 }  // namespace haptrace

@@ -179,10 +179,10 @@ ForceTable load_along(const PlayPlan& plan, const PlayOptions& options) {
 /// them in the trials of its calibration, and they are not softer than the law is once softened. If the operator chose
 /// the gains, nothing stands in for them.
 std::optional<PdGains> stand_in_for(const PdGains& own, const PlayOptions& options) {
-  const auto& held = options.identified->held;
-  const PdGains& plain = options.identified->design.plain;
+  const TrackingDesign& design = options.identified->design;
+  const PdGains& plain = design.plain;
   const bool firm = (plain.kp.array() >= kSoftenedLaw * own.kp.array()).all();
-  if (!held || !held->plain_calm || !firm || options.gains || options.impedance) return std::nullopt;
+  if (!design.plain_calm || !firm || options.gains || options.impedance) return std::nullopt;
   return plain;
 }
 
@@ -292,39 +292,45 @@ struct ChosenLaw {
   std::vector<std::string> notes{};
 };
 
+/// Says of a law that it was refused, where, and why.
+std::string refusal_text(const std::string& law, const LawVerdict& verdict) {
+  return fmt::format("in {}, {} was refused: {}",
+                     verdict.since.empty() ? "the trial of the calibration" : "a playback at " + verdict.since, law,
+                     verdict.refused);
+}
+
+/// Chooses among the laws of a device's profile: what the options ask for, or the first that was not refused.
 ChosenLaw chosen_law(const PlayOptions& options) {
   const auto& held = options.identified->held;
-  if (!options.compensations.observer || !held || options.gains || options.impedance) return {};
+  const LawVerdict& of_observer = options.identified->design.verdict;
+  if (!options.compensations.observer || options.gains || options.impedance) return {};
   const auto name_of = [](Firmness firmness) { return fmt::format("the LQG law of firmness {}", to_string(firmness)); };
-  const auto refusal = [](const std::string& law, const LawVerdict& verdict) {
-    return fmt::format("in {}, {} was refused: {}",
-                       verdict.since.empty() ? "the trial of the calibration" : "a playback at " + verdict.since, law,
-                       verdict.refused);
-  };
   constexpr const char* kObserver = "the law with an observer";
+  ChosenLaw chosen;
   if (options.law || options.firmness) {
-    const bool lqg = options.law.value_or(TrackingLaw::lqg) == TrackingLaw::lqg;
+    const bool lqg = held && options.law.value_or(TrackingLaw::lqg) == TrackingLaw::lqg;
     const Firmness firmness = options.firmness.value_or(Firmness::normal);
-    ChosenLaw chosen;
     if (lqg) chosen.lqg = firmness;
-    const LawVerdict& verdict = lqg ? held->design(firmness).verdict : held->observer;
-    if (!verdict.refused.empty()) chosen.notes.push_back(refusal(lqg ? name_of(firmness) : kObserver, verdict));
+    const LawVerdict& verdict = lqg ? held->design(firmness).verdict : of_observer;
+    if (!verdict.refused.empty()) chosen.notes.push_back(refusal_text(lqg ? name_of(firmness) : kObserver, verdict));
     return chosen;
   }
-  ChosenLaw chosen;
-  for (const Firmness firmness : {Firmness::normal, Firmness::quiet}) {
-    const LawVerdict& verdict = held->design(firmness).verdict;
-    if (verdict.refused.empty() && (verdict.tried || firmness == Firmness::normal)) {
-      chosen.lqg = firmness;
-      return chosen;
+  bool vibrated = false;
+  if (held) {
+    for (const Firmness firmness : {Firmness::normal, Firmness::quiet}) {
+      const LawVerdict& verdict = held->design(firmness).verdict;
+      if (verdict.refused.empty() && (verdict.tried || firmness == Firmness::normal)) {
+        chosen.lqg = firmness;
+        return chosen;
+      }
+      if (!verdict.refused.empty()) chosen.notes.push_back(refusal_text(name_of(firmness), verdict));
     }
-    if (!verdict.refused.empty()) chosen.notes.push_back(refusal(name_of(firmness), verdict));
+    vibrated = !held->design(Firmness::normal).verdict.since.empty();
   }
   // A law that nothing has tried is no remedy for one that vibrated.
-  const bool vibrated = !held->design(Firmness::normal).verdict.since.empty();
-  chosen.observer = held->observer.refused.empty() && (held->observer.tried || !vibrated);
+  chosen.observer = of_observer.refused.empty() && (of_observer.tried || !vibrated);
   if (!chosen.observer) {
-    if (!held->observer.refused.empty()) chosen.notes.push_back(refusal(kObserver, held->observer));
+    if (!of_observer.refused.empty()) chosen.notes.push_back(refusal_text(kObserver, of_observer));
     chosen.notes.emplace_back("this playback therefore uses plain PD control");
   }
   return chosen;
@@ -580,7 +586,7 @@ PdGains PlayResult::gains_in_force() const {
 }
 
 std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options, const std::string& now,
-                            HeldDevice& held) {
+                            IdentifiedDevice& device) {
   const VibrationSummary& vibration = result.session.servo.vibration;
   const auto steps = [&](VibrationRule rule) { return vibration.steps[static_cast<std::size_t>(rule)]; };
   const bool own = result.plan.lqg || result.plan.composed.observer,
@@ -588,7 +594,7 @@ std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options
   if (!own || changed || options.session.touch.scene ||
       steps(VibrationRule::energy) + steps(VibrationRule::half_cycles) == 0)
     return "";
-  LawVerdict& verdict = result.plan.lqg ? held.design(result.plan.firmness).verdict : held.observer;
+  LawVerdict& verdict = result.plan.lqg ? device.held->design(result.plan.firmness).verdict : device.design.verdict;
   if (!verdict.refused.empty()) return "";
   const std::string done = fmt::format("vibrated at {:.0f} Hz", vibration.frequency_hz);
   verdict.refused = "it " + done;

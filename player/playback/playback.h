@@ -123,7 +123,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
 /// stays if the law may not have been the cause (other gains than its own, a scene, a rule that is no proof), and for
 /// plain PD control. `now`: RFC 3339. Returns what to tell the user; an empty text if the verdict stays.
 std::string refuse_vibrated(const PlayResult& result, const PlayOptions& options, const std::string& now,
-                            HeldDevice& held);
+                            IdentifiedDevice& device);
 
 nlohmann::json to_json(const PlayResult& result);
 nlohmann::json to_json(const PdGains& gains);

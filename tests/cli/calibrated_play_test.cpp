@@ -57,7 +57,7 @@ TEST_F(CalibratedPlay, FindsTheProfileAndFollowsThreeTimesAsWellAsStiffPd) {
 
 TEST_F(CalibratedPlay, KeepsInTheProfileThatALawVibratedAndUsesItNoMore) {
   change_profile([](nlohmann::json& profile) {  // its laws are too stiff for the device
-    profile["held"]["plain_calm"] = true;
+    profile["design"]["plain_calm"] = true;
     for (nlohmann::json& mass : profile["held"]["model"]["device"]["mass_kg"]) mass = 8 * mass.get<double>();
   });
   const Answer first = play({"--repeat", "3"});

@@ -39,6 +39,8 @@ DeviceProfile example() {
   profile.design.largest = {Vec3(6000, 6100, 6200), Vec3(50, 51, 52)};
   profile.design.mass = Vec3(0.44, 0.45, 0.46);
   profile.design.observer_hz = 40;
+  profile.design.verdict = {true, 2, "its error is large", "2026-01-31T12:00:00Z"};
+  profile.design.plain_calm = true;
   return profile;
 }
 
@@ -74,10 +76,8 @@ HeldDevice in_a_hand() {
   held.inertia->curve(1, 1) = 1.0 / 7;
   held.one_mass = false;
   held.designed_for = Vec3(0.5, 1.0 / 3, 1);
-  held.plain_calm = true;
   held.designs[0].verdict = {true, 10.0 / 3, "it oscillates"};
   held.designs[1].verdict = {true, 4, "it vibrated at 30 Hz", "2026-01-31T12:00:00Z"};
-  held.observer = {true, 2, ""};
   held.designs[2].unmet = {"in x, its sensitivity is too large"};
   return held;
 }
@@ -202,9 +202,30 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_EQ(read.held->design(Firmness::quiet).verdict.refused, "it oscillates");
   EXPECT_EQ(read.held->design(Firmness::normal).verdict.since, "2026-01-31T12:00:00Z");
   EXPECT_EQ(read.held->design(Firmness::exact).verdict.since, "");
-  EXPECT_TRUE(read.held->observer.tried);
   EXPECT_EQ(read.held->designed_for, Vec3(0.5, 1.0 / 3, 1));
-  EXPECT_TRUE(read.held->plain_calm);
+}
+
+TEST_F(DeviceProfiles, KeepWhatTheTrialOfTheLawWithAnObserverFound) {
+  const TrackingDesign read = profile_from_json(to_json(example()), "p").design;
+  EXPECT_TRUE(read.verdict.tried);
+  EXPECT_EQ(read.verdict.improvement, 2);
+  EXPECT_EQ(read.verdict.refused, "its error is large");
+  EXPECT_EQ(read.verdict.since, "2026-01-31T12:00:00Z");
+  EXPECT_TRUE(read.plain_calm);
+
+  nlohmann::json older = to_json(example());
+  older["design"].erase("trial");
+  older["design"].erase("plain_calm");
+  EXPECT_FALSE(profile_from_json(older, "p").design.verdict.tried);
+  EXPECT_FALSE(profile_from_json(older, "p").design.plain_calm);
+
+  DeviceProfile held = example();
+  held.held = in_a_hand();
+  older["held"] = to_json(held)["held"];
+  older["held"]["observer_trial"] = {{"tried", true}, {"improvement", 3.0}, {"refused", "it oscillates"}};
+  older["held"]["plain_calm"] = true;
+  EXPECT_EQ(profile_from_json(older, "p").design.verdict.refused, "it oscillates");
+  EXPECT_TRUE(profile_from_json(older, "p").design.plain_calm);
 }
 
 TEST_F(DeviceProfiles, AreReadWithoutAHandAsOlderVersionsWroteThem) {

@@ -256,6 +256,53 @@ class Obstructed final : public Device {
   bool there_ = false;
 };
 
+TEST(Calibration, ComparesTheLawForACoarseModelWithPlainPdControlToo) {
+  const EnsembleDraw draw = draw_device(1, 4, EnsembleKind::everything);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.identification.coarse);
+  EXPECT_TRUE(result.design->verdict.tried);
+  EXPECT_NE(result.design->verdict.refused, "") << "it passes the circle in the middle, and oscillates elsewhere";
+  EXPECT_TRUE(result.design->plain_calm);
+
+  CalibrationOptions in_the_middle = whole();
+  in_the_middle.places = false;
+  SimDevice again(draw.spec, {.seed = draw.noise_seed});
+  EXPECT_FALSE(calibrated(again, in_the_middle).design->verdict.tried);
+}
+
+TEST(Calibration, FindsALinkThatSwingsInALooseHandAndNoDelayInItsPlace) {
+  SimDevice device(preset("touch", "loose"));
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_NEAR(result.identification.plant.delay, 1.5e-3, 0.5e-3) << "to a rigid mass it seems to be 13 ms";
+  ASSERT_TRUE(result.held);
+  EXPECT_EQ(result.held->hand, HandKnown::identified);
+  const LawVerdict& verdict = result.held->design(Firmness::normal).verdict;
+  EXPECT_EQ(verdict.refused, "");
+  EXPECT_GT(verdict.improvement, 5);
+}
+
+TEST(Calibration, FindsALawForAWeakDeviceWithACoarseEncoder) {
+  SimDevice device(preset("haply2diy", "loose"));
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  const LqgDesign& design = result.held->design(Firmness::normal);
+  EXPECT_LE(design.figures.ripple, kMostLawRipple * 1.6) << "else it chatters between two counts";
+  EXPECT_EQ(design.verdict.refused, "");
+  EXPECT_GT(design.verdict.improvement, 4.5);
+}
+
+TEST(Calibration, RefusesNoLawBecauseItsMotorsAreHotOrItsHandSwings) {
+  SimDevice device(preset("touch", "relaxed"));
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  // The arm's spring takes more force at the places than the motors can hold.
+  EXPECT_EQ(result.held->design(Firmness::quiet).verdict.refused, "");
+  EXPECT_GT(result.held->design(Firmness::quiet).verdict.improvement, 5);
+}
+
 TEST(Calibration, TriesItsLawsAtAllFarthestPlacesThatItReachedAlsoIfItMissedANearerOne) {
   // A wall in front of the first of the nearer places.
   SimSpec spec = draw_device(1, 1, EnsembleKind::late).spec;

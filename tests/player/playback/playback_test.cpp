@@ -130,7 +130,7 @@ TEST(PlayPlan, TakesTheFirstLawThatTheTrialDidNotRefuseAndSaysWhy) {
   EXPECT_TRUE(planned().composed.observer);
   EXPECT_EQ(planned().tuning.gains.kp, options.identified->design.gains.kp);
 
-  held.observer = {.tried = true, .improvement = 0.8, .refused = "it oscillates too"};
+  options.identified->design.verdict = {.tried = true, .improvement = 0.8, .refused = "it oscillates too"};
   options.identified->design.plain = {Vec3::Constant(300), Vec3::Constant(3)};
   EXPECT_FALSE(planned().composed.observer);
   EXPECT_EQ(planned().tuning.gains.kp, Vec3::Constant(300));
@@ -155,11 +155,31 @@ TEST(PlayPlan, TakesPlainControlAfterALawVibratedUnlessATrialPassedAnother) {
   EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("in a playback at 2026-01-31T12:00:00Z, the LQG law of firmness "
                                                      "normal was refused: it vibrated at 30 Hz"),
                                            HasSubstr("plain PD control")));
-  held.observer.tried = true;
+  options.identified->design.verdict.tried = true;
   EXPECT_TRUE(planned().composed.observer);
   held.design(Firmness::quiet).verdict.tried = true;
   EXPECT_EQ(planned().firmness, Firmness::quiet);
   EXPECT_TRUE(planned().lqg);
+}
+
+TEST(PlayPlan, TakesPlainControlIfTheTrialRefusedTheLawForACoarseModel) {
+  PlayOptions options = with_laws();
+  options.identified->held.reset();
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  EXPECT_TRUE(planned().composed.observer) << "older profiles have no verdict";
+  EXPECT_FALSE(planned().stand_in);
+  TrackingDesign& design = options.identified->design;
+  design.plain_calm = true;
+  design.plain = design.gains;
+  EXPECT_TRUE(planned().stand_in);
+
+  design.verdict = {.tried = true, .improvement = 0.8, .refused = "it follows less closely"};
+  EXPECT_FALSE(planned().composed.observer);
+  EXPECT_EQ(planned().tuning.gains.kp, design.plain.kp);
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("the law with an observer was refused: it follows less closely"),
+                                           HasSubstr("plain PD control")));
+  options.law = TrackingLaw::observer;
+  EXPECT_TRUE(planned().composed.observer) << "what was asked for";
 }
 
 /// A playback of the LQG law that was softened as often as `energy` says.
@@ -172,38 +192,38 @@ PlayResult softened(const PlayOptions& options, int energy) {
 
 TEST(PlayResult, RefusesALawThatVibratedForLaterPlaybacks) {
   const PlayOptions options = with_laws();
-  HeldDevice held = *options.identified->held;
-  EXPECT_EQ(refuse_vibrated(softened(options, 0), options, "now", held), "");
-  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "");
-  EXPECT_THAT(refuse_vibrated(softened(options, 1), options, "now", held), HasSubstr("the law vibrated at 30 Hz"));
-  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "it vibrated at 30 Hz");
-  EXPECT_EQ(held.design(Firmness::normal).verdict.since, "now");
-  EXPECT_EQ(held.design(Firmness::exact).verdict.refused, "");
-  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "later", held), "") << "it is refused already";
-  EXPECT_EQ(held.design(Firmness::normal).verdict.since, "now");
+  IdentifiedDevice device = *options.identified;
+  EXPECT_EQ(refuse_vibrated(softened(options, 0), options, "now", device), "");
+  EXPECT_EQ(device.held->design(Firmness::normal).verdict.refused, "");
+  EXPECT_THAT(refuse_vibrated(softened(options, 1), options, "now", device), HasSubstr("the law vibrated at 30 Hz"));
+  EXPECT_EQ(device.held->design(Firmness::normal).verdict.refused, "it vibrated at 30 Hz");
+  EXPECT_EQ(device.held->design(Firmness::normal).verdict.since, "now");
+  EXPECT_EQ(device.held->design(Firmness::exact).verdict.refused, "");
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "later", device), "") << "it is refused already";
+  EXPECT_EQ(device.held->design(Firmness::normal).verdict.since, "now");
 }
 
 TEST(PlayResult, RefusesNoLawForAVibrationThatMayHaveAnotherCause) {
   PlayOptions options = with_laws();
-  HeldDevice held = *options.identified->held;
+  IdentifiedDevice device = *options.identified;
   PlayResult slow = softened(options, 0);
   slow.session.servo.vibration.steps[static_cast<std::size_t>(VibrationRule::slow)] = 2;
-  EXPECT_EQ(refuse_vibrated(slow, options, "now", held), "") << "a hand may sway";
+  EXPECT_EQ(refuse_vibrated(slow, options, "now", device), "") << "a hand may sway";
 
   LiveTuning tuning(plan_playback(info(), small_circle(), options).tuning, {});
   options.tuning = &tuning;
-  EXPECT_NE(refuse_vibrated(softened(options, 1), options, "now", held), "");
-  held = *options.identified->held;
+  EXPECT_NE(refuse_vibrated(softened(options, 1), options, "now", device), "");
+  device = *options.identified;
   EXPECT_THAT(tuning.obey("gains * 1.1"), testing::StartsWith("ok"));
-  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "") << "these are other gains";
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", device), "") << "these are other gains";
   options.tuning = nullptr;
 
   options.gains = PdGains{Vec3::Constant(3000), Vec3::Constant(25)};
-  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "");
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", device), "");
   options.gains.reset();
   options.compensations.observer = false;
-  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", held), "") << "plain control is what is left";
-  EXPECT_EQ(held.design(Firmness::normal).verdict.refused, "");
+  EXPECT_EQ(refuse_vibrated(softened(options, 1), options, "now", device), "") << "plain control is what is left";
+  EXPECT_EQ(device.held->design(Firmness::normal).verdict.refused, "");
 }
 
 TEST(Play, FollowsCloserUnderTheLqgLawThanUnderTheObserver) {
