@@ -7,7 +7,6 @@
 #include "formats/convert/anonymise.h"
 #include "formats/convert/change_place.h"
 #include "formats/convert/resample.h"
-#include "formats/recording/recorded_support.h"
 #include "formats/recording/recording_stream.h"
 #include "formats/recording/sampling.h"
 #include "formats/recording/storage_report.h"
@@ -261,12 +260,10 @@ std::vector<std::string> remarks_on(const Pipeline& pipeline, const Sampling& sa
   if (pipeline.source->columns().contacts && ending != ".h5" && ending != ".hdf5")
     remarks.emplace_back("the contacts with the scene were left out: text formats have no place for them");
   const bool csv = ending != ".h5" && ending != ".hdf5" && ending != ".jsonl";
-  if (csv)
-    if (const auto support = recorded_support(pipeline.source->header().config, file))
-      remarks.push_back(
-          fmt::format("the force holds the support of the arm, {:.2g} N, which CSV cannot name: guide "
-                      "leaves it out of an HDF5 recording, but replays it from CSV",
-                      support->force));
+  if (csv && pipeline.source->columns().support)
+    remarks.emplace_back(
+        "the force holds the support of the arm, which the columns sx, sy, sz state: guide leaves it out of an HDF5 "
+        "recording, but replays it from CSV");
   for (std::string& note : notes(sampling, pipeline.resampled == nullptr)) remarks.push_back(std::move(note));
   return remarks;
 }

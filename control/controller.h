@@ -46,6 +46,7 @@ struct Command {
 
   Wrench wrench;
   Vec3 feedforward = Vec3::Zero();  ///< part of wrench.force that is known beforehand: the loop never softens it [N]
+  Vec3 support = nan3();            ///< part of `feedforward` that carries the arm; NaN if none can [N]
   double vibration = 0;             ///< amplitude of an intended vibration in wrench.force [N]
   Reference reference;              ///< NaN if there is none
   Vec3 reference_force = nan3();    ///< [N]

@@ -19,6 +19,7 @@ struct Sample {
   Quat orientation = nan_quat();
   Vec3 torque = nan3();          ///< sent to the device [N m]
   Vec3 force_measured = nan3();  ///< from the device's own sensor [N]
+  Vec3 support = nan3();         ///< part of `force` that carried the arm [N]
   Vec3 reference_position = nan3();
   Vec3 reference_velocity = nan3();
   Vec3 reference_force = nan3();  ///< expert's force at the present point of the path [N]

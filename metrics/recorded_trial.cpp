@@ -7,7 +7,6 @@
 #include "control/path/path_change.h"
 #include "control/path/path_smoothing.h"
 #include "formats/documents/reach_task.h"
-#include "formats/recording/recorded_support.h"
 #include "formats/recording/recording_summary.h"
 #include "metrics/path_alignment.h"
 #include "metrics/time_warping.h"
@@ -21,10 +20,9 @@
 namespace haptrace {
 namespace {
 
-/// The last one is only needed for a support.
 constexpr std::array<std::string_view, 11> kTrialColumns{
     "time",          "position", "force", "force_measured", "reference_position", "reference_force", "progress",
-    "tunnel_radius", "phase",    "tick",  "velocity"};
+    "tunnel_radius", "phase",    "tick",  "support"};
 
 TrialKind kind_of(const RecordingHeader& header, const RecordingColumns& columns) {
   if (header.config.is_object() && header.config.contains("reach")) return TrialKind::reach;
@@ -365,8 +363,7 @@ RecordedTrial common_part(const RecordingHeader& header, const RecordingColumns&
 }
 
 /// Adds a sample to a repetition. Throws Error(input) if it has too many.
-void add_sample(const Sample& sample, const RecordingColumns& columns,
-                const std::optional<ArmSupport::Options>& support, const std::string& file, RecordedTrial& trial) {
+void add_sample(const Sample& sample, const RecordingColumns& columns, const std::string& file, RecordedTrial& trial) {
   if (trial.time.size() >= kLongestTrial)
     throw input_error(
         fmt::format("{}: repetition {} has more than {} million samples, the limit of a report; cut out a part of "
@@ -382,7 +379,7 @@ void add_sample(const Sample& sample, const RecordingColumns& columns,
     trial.progress.push_back(sample.progress);
   }
   if (columns.tunnel) trial.radius.push_back(sample.tunnel_radius);
-  if (support) trial.support.push_back(carried_force(*support, sample));
+  if (columns.support) trial.support.push_back(sample.support.allFinite() ? sample.support : Vec3(Vec3::Zero()));
 }
 
 }  // namespace
@@ -394,8 +391,6 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   const RecordingHeader header = reader.header();
   const RecordedTrial common = common_part(header, columns, file);
   const std::optional<ReachTrial>& reach = common.reach;
-  const std::optional<ArmSupport::Options> support = recorded_support(header.config, file);
-  const auto needed = std::span(kTrialColumns).first(kTrialColumns.size() - (support ? 0U : 1U));
 
   std::vector<RecordedTrial> trials;
   // A reach whose cue never came has no rows.
@@ -403,7 +398,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
   bool in_trial = false;
   constexpr std::uint64_t kRowsAtOnce = 65'536;
   for (std::uint64_t row = 0; row < reader.rows(); row += kRowsAtOnce)
-    for (const Sample& sample : reader.read(row, kRowsAtOnce, needed)) {
+    for (const Sample& sample : reader.read(row, kRowsAtOnce, kTrialColumns)) {
       if ((runs > 0 || reach) && sample.phase != Phase::run) {
         in_trial = false;
         continue;
@@ -413,7 +408,7 @@ std::vector<RecordedTrial> read_trials(const RecordingReader& reader, const std:
         trials.back().repetition = static_cast<int>(trials.size());
         in_trial = true;
       }
-      add_sample(sample, columns, support, file, trials.back());
+      add_sample(sample, columns, file, trials.back());
     }
   if (reach &&
       (reach->kind == ReachKind::clamp || reach->goal == ReachGoal::press || reach->goal == ReachGoal::weigh)) {

@@ -48,21 +48,17 @@ SessionResult record(Device& device, const RecordOptions& options, const StopReq
                     device.info().name));
   SessionOptions session = options.session;
   std::vector<SampleSink*> sinks;
-  if (options.live != nullptr) {
-    sinks.push_back(options.live);
-    session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
-  }
   const Scene* const scene = session.touch.scene.get();
-  const bool supports = session.support.force > 0;
+  const bool supports = session.support.acts();
   if (scene != nullptr || supports) {
     const bool needs_plant = supports || scene->options().passivity;
     if (needs_plant && options.identified) session.touch.plant = options.identified(device.info());
     if (session.touch.plant) (void)bound_by_motors(session, device.info(), *session.touch.plant);
-    if (options.live != nullptr) session.touch.requests = &options.live->requests();
   } else {
     // Only zero force is sent, so the speed of the hand needs no limit.
     session.loop.limits.max_velocity = 0;
   }
+  if (options.live != nullptr) attach(*options.live, device.info(), session, sinks);
   PassiveController passive;
   TimedController controller(passive, duration, options.trigger);
   return run_session(device, controller, {}, sinks, session, stop, progress);

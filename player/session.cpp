@@ -11,7 +11,6 @@
 #include "devices/registry.h"
 #include "devices/sim/sim_device.h"
 #include "formats/documents/warning_json.h"
-#include "formats/recording/recorded_support.h"
 #include "metrics/touches.h"
 #include "player/supporting_controller.h"
 #include "player/touching_controller.h"
@@ -74,7 +73,7 @@ RecordingHeader header_for(const SessionOptions& options, const Device& device, 
   header.position_resolution_m = info.position_resolution;
   header.max_force_n = info.max_force;
   if (steering_of(device) != nullptr) header.meta["input"] = kIntentOfView;
-  if (support != nullptr) put_support(header.config, support->support);
+  if (support != nullptr) header.config["support"] = support->support.force;
   return header;
 }
 
@@ -276,7 +275,7 @@ class ActingController {
   /// Borrows everything. Throws what plan_support and make_scene_controller throw.
   ActingController(Controller& controller, const SessionOptions& options, const DeviceInfo& info)
       : outermost_(&controller) {
-    if (options.support.force != 0) {
+    if (options.support.acts()) {
       plan_ = plan_support(info, options);
       outermost_ = &supporting_.emplace(controller, plan_.support, options.touch);
     }
@@ -287,6 +286,8 @@ class ActingController {
   [[nodiscard]] Controller& outermost() noexcept { return *outermost_; }
   /// Returns the support of the arm, if there is one.
   [[nodiscard]] const SupportPlan* support() const noexcept { return supporting_ ? &plan_ : nullptr; }
+  /// Returns the force that carries the arm once it has risen, as commands left it [N].
+  [[nodiscard]] double support_force() const noexcept { return supporting_ ? supporting_->force() : 0; }
   /// Returns the controller that renders the scene, if there is one.
   [[nodiscard]] const TouchingController* touching() const noexcept { return touching_ ? &*touching_ : nullptr; }
 
@@ -297,9 +298,10 @@ class ActingController {
   std::optional<TouchingController> touching_;
 };
 
-/// Adds the columns of the scene and of the device to those of the controller.
-RecordingColumns with_device_columns(RecordingColumns columns, const DeviceInfo& info, const TouchOptions& touch) {
-  if (touch.scene) columns.contacts = true;
+/// Adds the columns of the scene, of the support and of the device to those of the controller.
+RecordingColumns with_device_columns(RecordingColumns columns, const DeviceInfo& info, const SessionOptions& options) {
+  if (options.touch.scene) columns.contacts = true;
+  columns.support = options.support.acts();
   columns.orientation = info.measures_orientation;
   columns.torque = info.takes_torque();
   columns.force_measured = info.measures_force;
@@ -405,11 +407,10 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   const auto estimator = make_velocity_estimator(options.velocity, options.loop.rate_hz, info.position_resolution);
   ActingController acting(controller, options, info);
   if (acting.support() != nullptr) {
-    result.support = acting.support()->support.force;
     loop_options.limits.release = std::max(loop_options.limits.release, kSupportedRelease);
   }
   result.warnings = first_warnings(options);
-  columns = with_device_columns(columns, info, options.touch);
+  columns = with_device_columns(columns, info, options);
 
   LiveMonitor monitor;
   EventTally tally;
@@ -433,6 +434,7 @@ SessionResult run_session(Device& device, Controller& controller, RecordingColum
   if (acting.support() != nullptr) warn_all("support", acting.support()->warnings);
   result.servo = run_watched(loop, device, loop_options, watch, stop);
   result.zero_force = zero_after(device, result.servo, watch);
+  result.support = acting.support_force();
   if (result.servo.vibration.watched) result.gain_share = result.servo.vibration.share;
   warn_of_rate(result, watch);
   if (acting.touching() != nullptr) {

@@ -82,8 +82,11 @@ struct TouchOptions {
 
 /// Support of the arm in a session, beside what its controller does (ArmSupport).
 struct SupportOptions {
-  double force = 0;         ///< part of the arm's weight that the device carries [N]; 0: none
+  double force = 0;         ///< part of the arm's weight that the device carries [N]; 0: none, unless it is adjustable
+  bool adjustable = false;  ///< a command may raise it from 0
   Vec3 up = Vec3::UnitY();  ///< unit vector upwards, in W
+
+  [[nodiscard]] bool acts() const noexcept { return force != 0 || adjustable; }
 };
 
 struct SessionOptions {
@@ -143,7 +146,7 @@ struct SessionResult {
   ZeroForce zero_force = ZeroForce::confirmed;  ///< known state of the motors after the session
   std::vector<TouchFigures> touches;            ///< contact metrics of each touchable object of the scene
   std::vector<Warning> warnings;                ///< all warnings; one for each kind of event
-  double support = 0;                           ///< force that carried the arm, once it had risen [N]
+  double support = 0;                           ///< force that carried the arm at the end, once it had risen [N]
   double gain_share = 1;                        ///< share of the feedback gains in force at the end, after softening
 
   /// Adds a warning after the session.

@@ -8,13 +8,18 @@
 #include "player/passivity_defaults.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 
 namespace haptrace {
 
 SupportingController::SupportingController(Controller& inner, const ArmSupport::Options& support,
                                            const TouchOptions& touch)
-    : inner_(inner), support_(support), mailbox_(touch.requests), rests_in_pause_(touch.rests_in_pause) {}
+    : inner_(inner),
+      support_(support),
+      planned_(support.force),
+      mailbox_(touch.requests),
+      rests_in_pause_(touch.rests_in_pause) {}
 
 void SupportingController::forget() noexcept {
   support_.begin();
@@ -37,9 +42,12 @@ Command SupportingController::update(const State& state) noexcept {
   State seen = state;
   seen.force_touched += state.share_applied * carried_;
   Command command = inner_.update(seen);
-  carried_ = requests_.share() * support_.update(state, requests_.wanted_share() > 0);
+  const double asked = requests_.support();
+  carried_ =
+      requests_.share() * support_.update(state, requests_.wanted_share() > 0, std::isfinite(asked) ? asked : planned_);
   command.wrench.force += carried_;
   command.feedforward += carried_;
+  command.support = carried_;
   return command;
 }
 
@@ -48,11 +56,14 @@ SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options
   const SupportOptions& asked = options.support;
   check_range("--support", asked.force, 0, kMost, "N");
   check_motors(device, asked.up, "the support of the arm");
-  SupportPlan plan{.support = {.force = asked.force, .up = asked.up}, .warnings = {}};
+  SupportPlan plan{.support = {.force = asked.force, .up = asked.up}, .because = "largest support", .warnings = {}};
   const SafetyLimits limits = ServoLoop::in_force(device, options.loop.limits);
   const double held = kSupportShare * limits.max_continuous_force, allowed = kSupportShare * limits.max_force;
   const bool holds_less = held > 0 && (allowed <= 0 || held < allowed);
-  if (const double most = holds_less ? held : allowed; most > 0 && asked.force > most) {
+  const double most = holds_less ? held : allowed;
+  plan.most = most > 0 ? most : kMost;
+  if (most > 0) plan.because = holds_less ? "force that this device can hold for long" : "share of the session's force";
+  if (most > 0 && asked.force > most) {
     plan.support.force = most;
     plan.warnings.push_back(fmt::format(
         "the arm is supported with {:.2g} N instead of {:.3g} N: {}", most, asked.force,
@@ -62,8 +73,7 @@ SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options
   const Box workspace = workspace_of(device);
   plan.support.top = asked.up.cwiseProduct(workspace.min).cwiseMax(asked.up.cwiseProduct(workspace.max)).sum();
   const double delay = options.touch.plant ? options.touch.plant->delay : kUnknownDelay;
-  plan.support.fade =
-      std::max(plan.support.force / std::min(kStiffest, largest_wall_stiffness(options.loop.rate_hz, delay)), 1e-3);
+  plan.support.stiffness = std::clamp(largest_wall_stiffness(options.loop.rate_hz, delay), 1.0, kStiffest);
   return plan;
 }
 

@@ -30,11 +30,15 @@ class SupportingController final : public Controller {
   [[nodiscard]] Command update(const State& state) noexcept override;
   void between_ticks(bool may_wait) noexcept override { inner_.between_ticks(may_wait); }
 
+  /// Returns the force that carries the arm once it has risen [N]. After the session, the last one.
+  [[nodiscard]] double force() const noexcept { return support_.force(); }
+
  private:
   void forget() noexcept;
 
   Controller& inner_;
   ArmSupport support_;
+  double planned_;  ///< force that carries the arm until a request changes it [N]
   Mailbox<SessionRequests>* mailbox_;
   bool rests_in_pause_;
   RequestFollower requests_;
@@ -44,6 +48,8 @@ class SupportingController final : public Controller {
 /// A support that was checked against a device.
 struct SupportPlan {
   ArmSupport::Options support;
+  double most = 0;      ///< largest force that it may have [N]
+  std::string because;  ///< what bounds it, as in "force that this device can hold for long"
   std::vector<std::string> warnings;
 };
 

@@ -6,7 +6,6 @@
 #include "control/event_words.h"
 #include "formats/documents/warning_json.h"
 #include "formats/path/path_file.h"
-#include "formats/recording/recorded_support.h"
 #include "report/course.h"
 #include "report/thinning.h"
 
@@ -353,6 +352,14 @@ ReportSession facts_of(const RecordingReader& reader, const RecordingHeader& hea
   return session;
 }
 
+/// Returns the largest force that carried the arm in a repetition; nothing if none could.
+std::optional<double> largest_support(const RecordedTrial& trial) {
+  std::optional<double> largest;
+  for (const Vec3& support : trial.support)
+    if (support.allFinite()) largest = std::max(largest.value_or(0), support.norm());
+  return largest;
+}
+
 /// Returns the exercise of a recording with its repetitions, without figures and curves.
 ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const RecordingHeader& header,
                            const std::string& title, const std::string& name) {
@@ -361,7 +368,6 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
                           .mode = recorded.empty() ? "recording" : mode_of(recorded.front().kind, header.config),
                           .path = expert.empty() ? path_name : expert};
   const bool alone = exercise.mode == "free";
-  const std::optional<ArmSupport::Options> support = recorded_support(header.config, name);
   for (const RecordedTrial& one : recorded) {
     const bool guided = (one.kind == TrialKind::guided || one.kind == TrialKind::cursor) && !alone;
     exercise.trials.push_back({.repetition = one.repetition,
@@ -371,7 +377,7 @@ ReportExercise exercise_of(const std::vector<RecordedTrial>& recorded, const Rec
                                            : std::nullopt,
                                .radius = alone ? std::nullopt : typical(one.radius),
                                .stiffness = guided ? number_in(header.config, "stiffness") : std::nullopt,
-                               .support = support ? std::optional(support->force) : std::nullopt,
+                               .support = largest_support(one),
                                .duration = one.time.back() - one.time.front()});
   }
   return exercise;

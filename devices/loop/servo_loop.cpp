@@ -581,6 +581,7 @@ class ServoLoop::Session {
         // The controller's force is no longer trusted. Fade the force that was sent last.
         if (!fault_wrench_) {
           fault_wrench_ = wrench_;
+          fault_support_ = support_;
           fade_ = Ramp(1);
         }
         scale = fade_.advance(0, dt, kFaultFade);
@@ -598,8 +599,9 @@ class ServoLoop::Session {
     if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
     const ForceLimiter::Result force = limiter_.limit(scale * asked.force);
     wrench_ = {force.force, torque.force};
-    share_ = guard_ ? scale * guard_->share() : scale;
-    if (force.verdict != ForceLimiter::Verdict::free) share_ *= force.allowed / force.asked;
+    const double sent = force.verdict == ForceLimiter::Verdict::free ? scale : scale * force.allowed / force.asked;
+    share_ = guard_ ? sent * guard_->share() : sent;
+    support_ = sent * (fault_wrench_ ? fault_support_ : command.support);
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
     if (const auto event = budget_.update(limiter_, norm_of(wrench_.force))) push_event(state.time_ns, *event);
@@ -704,6 +706,7 @@ class ServoLoop::Session {
     sample.orientation = state.orientation;
     if (takes_torque_) sample.torque = wrench_.torque;
     sample.force_measured = state.force_measured;
+    sample.support = ended_ ? Vec3(0 * support_) : support_;
     sample.reference_position = command.reference.position;
     sample.reference_velocity = command.reference.velocity;
     sample.reference_force = command.reference_force;
@@ -821,6 +824,8 @@ class ServoLoop::Session {
   double took_ = kNaN;  ///< duration of this tick's exchange, if it was longer than a period [s]
   Ramp fade_;
   std::optional<Wrench> fault_wrench_;  ///< last wrench before the fault
+  Vec3 support_ = nan3();               ///< part of wrench_ that carries the arm [N]
+  Vec3 fault_support_ = nan3();         ///< ... before the fault
   Command stopped_;                     ///< the controller's last answer, after it stopped the session
   std::optional<std::int64_t> force_told_ns_, torque_told_ns_;  ///< last reports of a limit that binds
   double assumed_continuous_force_ = loop_.assumed_continuous_force_ > 0 ? loop_.assumed_continuous_force_ : kNaN;

@@ -55,7 +55,7 @@ class ChangedSource final : public RecordingSource {
       sample.*point = change_.point(sample.*point);
     for (Vec3 Sample::*velocity : {&Sample::velocity, &Sample::reference_velocity})
       sample.*velocity = change_.velocity(sample.*velocity);
-    for (Vec3 Sample::*force : {&Sample::force, &Sample::force_measured, &Sample::reference_force})
+    for (Vec3 Sample::*force : {&Sample::force, &Sample::force_measured, &Sample::support, &Sample::reference_force})
       sample.*force = change_.direction(sample.*force);
     for (Quat Sample::*orientation : {&Sample::orientation, &Sample::reference_orientation})
       sample.*orientation = change_.orientation(sample.*orientation);

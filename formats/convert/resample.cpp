@@ -33,6 +33,7 @@ Sample between(const Sample& a, const Sample& b, double u) {
   sample.force = lerp(a.force, b.force, u);
   sample.torque = lerp(a.torque, b.torque, u);
   sample.force_measured = lerp(a.force_measured, b.force_measured, u);
+  sample.support = lerp(a.support, b.support, u);
   sample.reference_position = lerp(a.reference_position, b.reference_position, u);
   sample.reference_velocity = lerp(a.reference_velocity, b.reference_velocity, u);
   sample.reference_force = lerp(a.reference_force, b.reference_force, u);

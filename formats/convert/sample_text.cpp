@@ -25,6 +25,7 @@ std::vector<TextColumn> make_text_columns() {
                               {"orientation", {"qw", "qx", "qy", "qz"}},
                               {"torque", {"tx", "ty", "tz"}},
                               {"force_measured", {"mx", "my", "mz"}},
+                              {"support", {"sx", "sy", "sz"}},
                               {"reference_position", {"rx", "ry", "rz"}},
                               {"reference_velocity", {"rvx", "rvy", "rvz"}},
                               {"reference_orientation", {"rqw", "rqx", "rqy", "rqz"}},

@@ -97,7 +97,7 @@ std::shared_ptr<const PathSource> open_path(const std::string& file, const PathS
   const bool whole = !recorded || source->facts().rows <= kNotedRows;
   const Path noted = source->read(0, whole ? source->facts().rows : kNotedRows);
   // A steady support of the arm looks like a sensor that is stuck, and what is left without it, too.
-  for (const std::string& note : sampling_notes(noted, source->facts().support == 0))
+  for (const std::string& note : sampling_notes(noted, !source->facts().supported))
     source->note(whole ? note : fmt::format("the first {} samples: {}", kNotedRows, note));
   if (const double longest = source->facts().longest_interval;
       !whole && longest > 5 * noted.duration() / static_cast<double>(noted.size()))

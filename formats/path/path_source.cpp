@@ -4,7 +4,6 @@
 #include "control/event_words.h"
 #include "control/rotation.h"
 #include "formats/path/path_blocks.h"
-#include "formats/recording/recorded_support.h"
 #include "formats/recording/recording_summary.h"
 
 #include <algorithm>
@@ -15,9 +14,10 @@
 namespace haptrace {
 namespace {
 
-constexpr std::array<std::string_view, 5> kRecordedColumns{"time", "position", "velocity", "force", "orientation"};
-constexpr std::array<std::string_view, 5> kMeasuredColumns{"time", "position", "velocity", "force_measured",
-                                                           "orientation"};
+constexpr std::array<std::string_view, 6> kRecordedColumns{"time",  "position", "velocity",
+                                                           "force", "support",  "orientation"};
+constexpr std::array<std::string_view, 6> kMeasuredColumns{"time",           "position", "velocity",
+                                                           "force_measured", "support",  "orientation"};
 constexpr std::array<std::string_view, 6> kFigureColumns{"time", "tick", "position", "velocity", "force", "phase"};
 constexpr std::array<std::string_view, 1> kPhase{"phase"};
 
@@ -120,8 +120,7 @@ class RecordedPath final : public PathSource {
     facts_.name = name;
     check(selection, name);
     if (reader_.rows() == 0) throw input_error(fmt::format("{}: the path has no samples", name));
-    support_ = recorded_support(reader_.header().config, name);
-    if (support_) facts_.support = support_->force;
+    facts_.supported = reader_.columns().support;
     const std::vector<RecordingSummary> overview = reader_.overview(progress);
     RecordingSummary whole;
     for (const RecordingSummary& block : overview) whole.join(block);
@@ -133,7 +132,6 @@ class RecordedPath final : public PathSource {
                        whole.runs > 1 ? fmt::format(", in {} repetitions", whole.runs) : ""));
     if (facts_.cut_short) note("this repetition was cut short by a time limit, a stop or a fault");
     cut(selection);
-    only_records_ = whole.runs == 0 && reader_.header().scene.empty();
     measure(overview, whole.runs > 0);
   }
 
@@ -164,11 +162,8 @@ class RecordedPath final : public PathSource {
   /// Returns the force of the path: that of the recording without the support of the arm.
   [[nodiscard]] Vec3 force_of(const Sample& sample) const {
     Vec3 recorded = measured_ ? sample.force_measured : sample.force;
-    if (!support_) return recorded;
-    Vec3 carried = carried_force(*support_, sample);
-    // Nothing else acted in a session that only records: at its end the support fades, and no force remains.
-    if (only_records_ && !measured_ && recorded.norm() < carried.norm()) carried = recorded;
-    return recorded - (measured_ && negated_ ? -1.0 : 1.0) * carried;
+    if (!facts_.supported || !sample.support.allFinite()) return recorded;
+    return recorded - (measured_ && negated_ ? -1.0 : 1.0) * sample.support;
   }
 
   /// Returns the last row of the recording that is not after `time`.
@@ -311,7 +306,7 @@ class RecordedPath final : public PathSource {
 
   /// Returns the columns that are read for every row.
   [[nodiscard]] std::span<const std::string_view> columns() const {
-    return std::span(measured_ ? kMeasuredColumns : kRecordedColumns).first(facts_.orientation ? 5 : 4);
+    return std::span(measured_ ? kMeasuredColumns : kRecordedColumns).first(facts_.orientation ? 6 : 5);
   }
 
   /// Reads the column: the stored summaries do not count it.
@@ -360,11 +355,9 @@ class RecordedPath final : public PathSource {
   }
 
   RecordingReader reader_;
-  bool measured_;              ///< the force is the measured one
-  bool negated_;               ///< ... of the hand on the device
-  bool only_records_ = false;  ///< no force but that of the support was sent
-  std::optional<ArmSupport::Options> support_;
-  Rows rows_;  ///< rows of the recording
+  bool measured_;  ///< the force is the measured one
+  bool negated_;   ///< ... of the hand on the device
+  Rows rows_;      ///< rows of the recording
 };
 
 }  // namespace

@@ -27,7 +27,7 @@ struct PathFacts {
   bool measured = false;        ///< the recording has a measured force, see PathSelection
   bool orientation = false;     ///< pieces contain orientations
   bool contacts = false;        ///< recorded with a scene: the forces hold those of its objects
-  double support = 0;           ///< force that carried the arm while it was recorded; not in the force of the path [N]
+  bool supported = false;       ///< a force carried the arm while it was recorded; it is not in the force of the path
   bool cut_short = false;       ///< of several repetitions, this one was ended by a time limit, a stop or a fault
   std::vector<std::string> notes;  ///< notes for the user
 
@@ -85,8 +85,7 @@ std::unique_ptr<PathSource> source_of(Path path, const PathSelection& selection 
 
 /// Returns the path of a recording: the rows of phase run of one repetition, or all rows if none is of phase run. If a
 /// recording lacks an orientation, the last known one is used. Its forces are without the support of the arm
-/// (ArmSupport) in the session: that belongs to the arm that was carried. The support is rebuilt from the place and
-/// velocity of each row, as if it rose from the first row of the recording on.
+/// (ArmSupport) in the session: that belongs to the arm that was carried.
 ///
 /// Opening takes milliseconds at any length, since it reads only the overview and the blocks in which the path begins
 /// and ends. Throws Error(input) if there are no rows, none is selected, the repetition does not exist, or a position

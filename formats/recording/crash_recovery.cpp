@@ -198,8 +198,8 @@ class Salvage {
   /// Replaces invalid values: a damaged block may contain any bits.
   void make_lawful(Sample& sample) const {
     for (Vec3 Sample::*member :
-         {&Sample::velocity, &Sample::force, &Sample::torque, &Sample::force_measured, &Sample::reference_position,
-          &Sample::reference_velocity, &Sample::reference_force, &Sample::kp, &Sample::kd})
+         {&Sample::velocity, &Sample::force, &Sample::torque, &Sample::force_measured, &Sample::support,
+          &Sample::reference_position, &Sample::reference_velocity, &Sample::reference_force, &Sample::kp, &Sample::kd})
       if (!(sample.*member).allFinite()) sample.*member = nan3();
     for (Quat Sample::*member : {&Sample::orientation, &Sample::reference_orientation})
       if (!(std::abs((sample.*member).norm() - 1) < 1e-3)) sample.*member = nan_quat();

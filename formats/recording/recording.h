@@ -78,6 +78,7 @@ struct RecordingColumns {
   bool orientation = false;
   bool torque = false;
   bool force_measured = false;
+  bool support = false;
   bool reference = false;  ///< reference_position and reference_velocity
   bool guidance = false;   ///< reference_force and progress
   bool tunnel = false;     ///< tunnel_radius

@@ -141,6 +141,8 @@ constexpr Column kColumns[] = {
                                     &RecordingColumns::torque, &Precision::torque),
     column<Vector<&Sample::force_measured>>("force_measured", "N", "by the device's own sensor: x, y, z",
                                             &RecordingColumns::force_measured, &Precision::force),
+    column<Vector<&Sample::support>>("support", "N", "part of `force` that carried the arm: x, y, z",
+                                     &RecordingColumns::support, &Precision::force),
     column<Vector<&Sample::reference_position>>("reference_position", "m", "where the tool should be: x, y, z",
                                                 &RecordingColumns::reference, &Precision::position),
     column<Vector<&Sample::reference_velocity>>("reference_velocity", "m/s", "how the tool should move: x, y, z",

@@ -445,11 +445,8 @@ GuideResult guide(Device& device, const GuidePlan& plan, const GuideOptions& ask
   if (options.identified) options.session.touch.plant = options.identified->plant;
   if (options.live != nullptr) {
     controller.obey(options.live->requests(), options.live->mailbox());
-    options.session.touch.requests = &options.live->requests();
     options.session.touch.rests_in_pause = true;
-    options.sinks.push_back(options.live);
-    options.session.also_warn(
-        [live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+    attach(*options.live, device.info(), options.session, options.sinks);
   }
 
   TrackingMetrics tracking(options.session.loop.rate_hz, kept_repetitions(options));

@@ -552,9 +552,7 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   if (options.identified) session_options.touch.plant = options.identified->plant;
   if (live != nullptr) {
     controller.obey(live->requests());
-    session_options.touch.requests = &live->requests();
-    sinks.push_back(live);
-    session_options.also_warn([live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+    attach(*live, device.info(), session_options, sinks);
   }
   SessionResult session = run_session(
       device, controller, {.reference = true, .reference_orientation = plan.turn.has_value(), .gains = true}, sinks,

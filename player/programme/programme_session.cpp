@@ -564,7 +564,7 @@ class ProgrammeRun {
     StopRequest end(&stop_);
     const double limit = programme_.limits.force_dose;
     TrialWatch watch(limit > 0 ? limit - sitting().force_dose : 0, end);
-    LiveSession::Trial commanded(options_.live, end, trial.file);
+    LiveSession::Trial commanded(options_.live, end, trial.file, trial.exercise);
     const double begins = sitting().duration;
     motors_.rested = begins - cools_from_;
     TrialRun run = run_mode(*device, exercise, trial, watch, end);
@@ -636,7 +636,8 @@ class ProgrammeRun {
       if (!arm) tell("the arm is not supported, because no trial measured its weight");
       if (arm && arm->is_earlier) tell("the support is a share of the weight that an earlier sitting measured");
     }
-    if (force > 0) trial.settings.support = force;
+    if (!(force > 0)) return;
+    trial.settings.support = options_.live != nullptr ? options_.live->next_support(trial.exercise, force) : force;
   }
 
   /// Computes the metrics of a repetition that was done, and updates the progression.
@@ -687,7 +688,8 @@ class ProgrammeRun {
                                            const TrialWatch& watch, nlohmann::json config) {
     SessionOptions session = options_.session;
     session.loop.motors = &motors_;
-    if (trial.settings.support) session.support = {.force = *trial.settings.support, .up = programme_.up};
+    if (trial.settings.support)
+      session.support = {.force = *trial.settings.support, .adjustable = true, .up = programme_.up};
     session.also_warn([&watch, warned = false, limit = programme_.limits.force_dose]() mutable {
       if (!watch.dose_reached() || std::exchange(warned, true)) return std::vector<Warning>{};
       const std::string text =

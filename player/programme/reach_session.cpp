@@ -175,14 +175,12 @@ SessionResult reach(Device& device, const ReachPlan& plan, const ReachOptions& o
   course.rate_hz = session.loop.rate_hz;
   ReachController controller(plan.trial, plan.forces, course, pull, hand_watch_of(info.max_force));
   std::vector<SampleSink*> sinks = options.sinks;
+  if (options.identified) session.touch.plant = options.identified->plant;
   if (options.live != nullptr) {
     controller.obey(options.live->requests());
-    session.touch.requests = &options.live->requests();
     session.touch.rests_in_pause = true;
-    sinks.push_back(options.live);
-    session.also_warn([live = options.live] { return known_warnings(Severity::note, "tuning", live->take_notices()); });
+    attach(*options.live, info, session, sinks);
   }
-  if (options.identified) session.touch.plant = options.identified->plant;
   // An arm that rests on the lock must not drop, however the trial ends.
   if (plan.trial.goal == ReachGoal::weigh)
     session.loop.limits.release = std::max(session.loop.limits.release, kSupportedRelease);

@@ -5,6 +5,9 @@
 #include "base/printable.h"
 #include "base/suggest.h"
 #include "control/event_words.h"
+#include "devices/device.h"
+#include "player/session.h"
+#include "player/supporting_controller.h"
 
 #include <algorithm>
 #include <cmath>
@@ -21,8 +24,10 @@ constexpr std::size_t kLongestText = 120;  // of a mark or a note [bytes]
 
 const std::vector<std::string> kActions{"pause",   "resume", "skip",  "repeat", "mark", "note",  "soften", "stop",
                                         "restore", "get",    "reset", "help",   "quit", "first", "second"};
+constexpr const char* kSupport = "support";
 constexpr const char* kHelp =
-    "pause ; resume ; skip ; repeat ; mark [TEXT] ; note TEXT ; soften ; restore ; stop ; get ; get NAME ; reset ; "
+    "support 2 ; pause ; resume ; skip ; repeat ; mark [TEXT] ; note TEXT ; soften ; restore ; stop ; get ; get NAME ; "
+    "reset ; "
     "first ; second ; help ; quit";
 
 bool known(const std::string& name, const std::vector<std::string>& names) {
@@ -76,27 +81,30 @@ std::string LiveSession::answer(std::string_view command) {
   const std::vector<std::string> words = words_of(command);
   const std::string& name = words.front();
   const Words values = Words(words).subspan(1);
-  std::vector<std::string> names = quantities();
+  std::vector<std::string> values_known = quantities();
+  values_known.emplace_back(kSupport);
+  std::vector<std::string> names = values_known;
   names.insert(names.end(), kActions.begin(), kActions.end());
   if (!known(name, names)) throw input_error(fmt::format("unknown command '{}'{}", name, suggestion(name, names)));
   if (name == "get") {
     if (values.empty()) return whole_state().dump();
     if (values.size() > 1) throw input_error("get takes at most one name, as in get kp");
-    if (!known(values[0], quantities()))
-      throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], quantities())));
-    return text_of(values[0]);
+    if (!known(values[0], values_known))
+      throw input_error(fmt::format("unknown name '{}'{}", values[0], suggestion(values[0], values_known)));
+    return values[0] == kSupport ? support_text() : text_of(values[0]);
   }
   if (known(name, kActions)) {
     if (!values.empty()) throw input_error(fmt::format("{} takes no value", name));
     return act(name);
   }
+  if (name == kSupport) return values.empty() ? support_text() : change_support(values);
   return values.empty() ? text_of(name) : change(name, values);
 }
 
 std::string LiveSession::act(const std::string& name) {
   if (name == "help") return fmt::format("{} ; {}", help(), kHelp);
   if (name == "quit") return "bye";
-  if (name == "reset") return "reset to " + reset();
+  if (name == "reset") return "reset to " + reset_all();
   if (name == "pause" || name == "resume") return pause(name == "pause");
   if (name == "skip") return skip();
   if (name == "repeat") return repeat();
@@ -118,7 +126,7 @@ std::string LiveSession::pause(bool paused) {
     return paused ? "pause" : "resume";
   }
   // In a programme, the present repetition comes to its end first.
-  if (!options_.programme) requests_.post(wanted_);
+  post();
   log(paused ? "session: pause" : "session: resume", paused ? "pause" : "resume", {});
   if (!paused) return "resume";
   return options_.programme && trial_ != nullptr ? "pause after this repetition" : "pause";
@@ -131,7 +139,7 @@ std::string LiveSession::skip() {
     if (!std::exchange(skipped_, true)) trial_->raise();
   } else {
     ++wanted_.skips;
-    requests_.post(wanted_);
+    post();
   }
   log("session: skip", "skip", {});
   return "skip: this repetition ends";
@@ -147,7 +155,7 @@ std::string LiveSession::repeat() {
     if (wanted_.repeats >= kMostRepeats)
       throw input_error(fmt::format("repeat: a session repeats at most {} times more", kMostRepeats));
     ++wanted_.repeats;
-    requests_.post(wanted_);
+    post();
   }
   log("session: repeat", "repeat", {});
   return "repeat: once more after this repetition";
@@ -185,14 +193,80 @@ bool LiveSession::attend(bool attended) {
   return true;
 }
 
+void LiveSession::post() {
+  SessionRequests posted = wanted_;
+  posted.paused = wanted_.paused && !options_.programme;
+  requests_.post(posted);
+}
+
 void LiveSession::post_share() {
   const double share = softened_ || !attended_ ? kSoftened : 1;
   if (wanted_.share == share) return;
   wanted_.share = share;
-  // A programme's own pause does not reach the servo loop.
-  SessionRequests posted = wanted_;
-  posted.paused = wanted_.paused && !options_.programme;
-  requests_.post(posted);
+  post();
+}
+
+const LiveSession::CarriedArm& LiveSession::arm() const {
+  if (!arm_)
+    throw input_error(fmt::format(
+        "{0}: this session began without a support of the arm (--{0}, or \"{0}\" in a programme)", kSupport));
+  return *arm_;
+}
+
+std::string LiveSession::support_text() const {
+  return fmt::format("{} {:.3g}", kSupport, arm().force);
+}
+
+void LiveSession::set_support(double force) {
+  if (arm_->force == force) return;
+  wanted_.support = arm_->force = force;
+  post();
+  log_change(kSupport, support_text());
+}
+
+std::string LiveSession::change_support(Words values) {
+  const double present = arm().force;
+  double asked = present;
+  if (const auto factor = factor_of(kSupport, values)) {
+    asked *= *factor;
+  } else {
+    if (values.size() != 1) throw input_error(fmt::format("{0} takes one value, as in {0} 2 or {0} * 1.1", kSupport));
+    asked = finite_number(kSupport, values[0]);
+  }
+  const double force = std::clamp(asked, 0.0, arm_->most);
+  supports_[exercise_].changed = force;
+  set_support(force);
+  if (force == asked) return support_text();
+  return fmt::format("{} clamped from {:.3g}: {:.3g} is the {}", support_text(), asked, force,
+                     asked < 0 ? "least value" : arm_->because);
+}
+
+std::string LiveSession::reset_all() {
+  if (!arm_) return reset();
+  ExerciseSupport& support = supports_[exercise_];
+  support.changed.reset();
+  set_support(support.planned);
+  try {
+    const std::string others = reset();
+    return others.empty() ? support_text() : fmt::format("{} {}", others, support_text());
+  } catch (const Error&) {  // the support was all that there is to reset
+    return support_text();
+  }
+}
+
+void LiveSession::begin_support(std::optional<CarriedArm> arm) {
+  const std::lock_guard lock(mutex_);
+  arm_ = std::move(arm);
+  if (arm_ && !options_.programme) supports_[exercise_].planned = arm_->force;
+  wanted_.support = arm_ ? arm_->force : kNaN;
+  post();
+}
+
+double LiveSession::next_support(std::size_t exercise, double planned) {
+  const std::lock_guard lock(mutex_);
+  ExerciseSupport& support = supports_[exercise];
+  support.planned = planned;
+  return support.changed.value_or(planned);
 }
 
 std::string LiveSession::annotate(const std::string& name, std::string_view text) {
@@ -230,7 +304,17 @@ void LiveSession::add_notice(Notice notice) {
 
 std::vector<LiveControl> LiveSession::controls() const {
   const std::lock_guard lock(mutex_);
-  return list_controls();
+  std::vector<LiveControl> controls = list_controls();
+  if (arm_)
+    controls.push_back({.name = kSupport,
+                        .label = "Support of the arm",
+                        .unit = "N",
+                        .value = arm_->force,
+                        .least = 0,
+                        .largest = arm_->most,
+                        .step = 0.05 * arm_->most,
+                        .because = arm_->because});
+  return controls;
 }
 
 std::vector<std::string> LiveSession::actions() const {
@@ -268,7 +352,9 @@ double LiveSession::share() const {
 
 std::string LiveSession::summary() const {
   const std::lock_guard lock(mutex_);
-  return fmt::format("{}{}{}", wanted_.paused ? "paused " : "", wanted_.share < 1 ? "softened " : "", summarise());
+  const std::string values = summarise();
+  return fmt::format("{}{}{}{}{}", wanted_.paused ? "paused " : "", wanted_.share < 1 ? "softened " : "", values,
+                     arm_ && !values.empty() ? " " : "", arm_ ? support_text() : "");
 }
 
 std::vector<std::string> LiveSession::take_notices() {
@@ -283,6 +369,10 @@ nlohmann::json LiveSession::whole_state() const {
   nlohmann::json json = state();
   json["paused"] = wanted_.paused;
   json["share"] = wanted_.share;
+  if (arm_) {
+    json[kSupport] = arm_->force;
+    json["limits"][kSupport] = arm_->most;
+  }
   return json;
 }
 
@@ -298,8 +388,9 @@ nlohmann::json LiveSession::history() const {
   return json;
 }
 
-LiveSession::Trial::Trial(LiveSession* session, StopRequest& end, std::string file) : session_(session) {
-  if (session_ != nullptr) session_->begin_trial(end, std::move(file));
+LiveSession::Trial::Trial(LiveSession* session, StopRequest& end, std::string file, std::size_t exercise)
+    : session_(session) {
+  if (session_ != nullptr) session_->begin_trial(end, std::move(file), exercise);
 }
 
 LiveSession::Trial::~Trial() {
@@ -311,9 +402,10 @@ LiveSession::TrialEnd LiveSession::Trial::finish() {
   return session != nullptr ? session->end_trial() : TrialEnd{};
 }
 
-void LiveSession::begin_trial(StopRequest& end, std::string file) {
+void LiveSession::begin_trial(StopRequest& end, std::string file, std::size_t exercise) {
   const std::lock_guard lock(mutex_);
   trial_ = &end;
+  exercise_ = exercise;
   recording_ = std::move(file);
   skipped_ = repeats_ = false;
   unattended_in_trial_ = !attended_;
@@ -345,6 +437,18 @@ std::optional<double> LiveSession::factor_of(const std::string& name, Words valu
   if (!(number > 0 && factor > 0 && std::isfinite(factor)))
     throw input_error(fmt::format("{}: the factor must be above 0", name));
   return factor;
+}
+
+void attach(LiveSession& live, const DeviceInfo& device, SessionOptions& session, std::vector<SampleSink*>& sinks) {
+  if (session.support.acts()) {
+    const SupportPlan plan = plan_support(device, session);
+    live.begin_support(LiveSession::CarriedArm{plan.support.force, plan.most, plan.because});
+  } else {
+    live.begin_support(std::nullopt);
+  }
+  session.touch.requests = &live.requests();
+  session.also_warn([&live] { return known_warnings(Severity::note, "tuning", live.take_notices()); });
+  sinks.push_back(&live);
 }
 
 }  // namespace haptrace

@@ -11,6 +11,7 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json_fwd.hpp>
@@ -22,10 +23,14 @@
 
 namespace haptrace {
 
+struct DeviceInfo;
+struct SessionOptions;
+
 /// Obeys the commands of one line each (docs/tuning.md) that concern a whole session:
 ///
 ///     pause, resume, skip, repeat, mark [TEXT], note TEXT, soften, restore, stop, get, get NAME, reset, help, quit
 ///     first, second: the answer to a question of the programme
+///     support 2, support * 1.1: the force that carries the arm [N], in a session that began with one
 ///
 /// A derived class adds quantities, "NAME VALUE". Every effective command adds a notice, a line of the history and, if
 /// there are annotations, a mark in the recording: "tuned: kp 2000", "session: pause". As a sink, the object only
@@ -74,6 +79,17 @@ class LiveSession : public Commands, public SampleSink {
   /// and "changed", their total number. In a programme, each has its "recording" too.
   [[nodiscard]] nlohmann::json history() const;
 
+  /// The support of the arm in a session.
+  struct CarriedArm {
+    double force = 0;     ///< at the beginning [N]
+    double most = 0;      ///< [N]
+    std::string because;  ///< name of `most`, without an article
+  };
+  /// Begins a session with this support; nothing: without one. attach() calls it.
+  void begin_support(std::optional<CarriedArm> arm);
+  /// Returns the support of the next repetition of an exercise: `planned`, or what a command set [N].
+  [[nodiscard]] double next_support(std::size_t exercise, double planned);
+
   /// How a repetition of a programme went on.
   struct TrialEnd {
     bool skipped = false;     ///< a command ended it
@@ -82,8 +98,9 @@ class LiveSession : public Commands, public SampleSink {
   /// A repetition of a programme, as long as it runs. Commands can end it early.
   class Trial {
    public:
-    /// The repetition begins, which `end` ends early and `file` records. Borrows both objects. `session` may be null.
-    Trial(LiveSession* session, StopRequest& end, std::string file);
+    /// The repetition of an exercise begins, which `end` ends early and `file` records. Borrows both objects. `session`
+    /// may be null.
+    Trial(LiveSession* session, StopRequest& end, std::string file, std::size_t exercise);
     /// The repetition is over, also when it threw.
     ~Trial();
     Trial(const Trial&) = delete;
@@ -142,7 +159,7 @@ class LiveSession : public Commands, public SampleSink {
     std::string text, subject;  ///< a notice replaces the last one if both have the same subject; empty: never
   };
 
-  void begin_trial(StopRequest& end, std::string file);
+  void begin_trial(StopRequest& end, std::string file, std::size_t exercise);
   TrialEnd end_trial();
   std::string answer(std::string_view command);
   /// Executes a command without a value that concerns the session. Returns an empty text for others.
@@ -152,8 +169,17 @@ class LiveSession : public Commands, public SampleSink {
   std::string repeat();
   std::string soften(bool softened);
   std::string answer_with(const std::string& name);
+  /// Posts what the servo loop follows. A programme's own pause does not reach it.
+  void post();
   /// Posts the share that softening asks for, by command and because nobody attends.
   void post_share();
+  /// Throws Error(input) unless the session carries an arm.
+  [[nodiscard]] const CarriedArm& arm() const;
+  std::string change_support(Words values);
+  void set_support(double force);
+  [[nodiscard]] std::string support_text() const;
+  /// Resets the support and the quantities of the derived class.
+  std::string reset_all();
   std::string annotate(const std::string& name, std::string_view text);
   void log(const std::string& mark, const std::string& text, const std::string& subject);
   void add_notice(Notice notice);
@@ -169,6 +195,14 @@ class LiveSession : public Commands, public SampleSink {
   bool skipped_ = false, repeats_ = false;
   bool softened_ = false;  ///< by a command
   bool attended_ = true, unattended_in_trial_ = false;
+  std::optional<CarriedArm> arm_;
+  std::size_t exercise_ = 0;
+  /// Support of an exercise: as planned, and as a command set it.
+  struct ExerciseSupport {
+    double planned = 0;
+    std::optional<double> changed;
+  };
+  std::map<std::size_t, ExerciseSupport> supports_;
   bool asks_ = false;  ///< a question waits for its answer
   int answered_ = 0;   ///< 1 or 2; 0: not yet
   int marks_ = 0;
@@ -176,5 +210,10 @@ class LiveSession : public Commands, public SampleSink {
   std::size_t changed_ = 0;
   std::deque<Notice> notices_;
 };
+
+/// Lets a session on a device follow what `live` asks of its scene and of the support of its arm, and adds its notices
+/// to the warnings of the session. `session` holds its plant by then. The controller of the session obeys by itself.
+/// Borrows `live`. Throws what plan_support throws.
+void attach(LiveSession& live, const DeviceInfo& device, SessionOptions& session, std::vector<SampleSink*>& sinks);
 
 }  // namespace haptrace

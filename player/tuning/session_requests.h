@@ -12,6 +12,7 @@ namespace haptrace {
 struct SessionRequests {
   bool paused = false;        ///< the session waits
   double share = 1;           ///< of the feedback forces, 0 to 1
+  double support = kNaN;      ///< force that shall carry the arm [N]; NaN: as the session began
   std::uint32_t skips = 0;    ///< number of requests so far to end the present repetition
   std::uint32_t repeats = 0;  ///< number of requests so far for a further repetition
 };
@@ -46,6 +47,8 @@ class RequestFollower {
   [[nodiscard]] double wanted_share() const noexcept { return paused() && rests_in_pause_ ? 0 : now_.share; }
   /// Returns the share of the feedback forces in force, which follows the wanted one without a step.
   [[nodiscard]] double share() const noexcept { return share_.value(); }
+  /// Returns the force that shall carry the arm [N]; NaN: as the session began.
+  [[nodiscard]] double support() const noexcept { return now_.support; }
   /// Returns true once for each request, or several requests in one tick, to end the present repetition.
   [[nodiscard]] bool take_skip() noexcept {
     const bool asked = now_.skips != skips_;

@@ -2,7 +2,6 @@
 #include "metrics/recorded_trial.h"
 
 #include "formats/documents/reach_task.h"
-#include "formats/recording/recorded_support.h"
 #include "tests/report/support.h"
 #include "tests/support/errors.h"
 
@@ -125,13 +124,11 @@ TEST(RecordedTrial, LeavesASupportThatRisesAndFadesOutOfTheFieldShare) {
   const ReachTrial reach{.geometry = {.target = Vec3(0.1, 0, 0), .lateral = Vec3::UnitY()},
                          .field = curl_field(13, Vec3::UnitZ()),
                          .field_block = true};
-  // At the height of the reach, a third of the support is left, and a part of that as the hand rises. It acts across
-  // the reach, as the field does.
-  const ArmSupport::Options support{.force = 1.5, .up = Vec3::UnitY(), .top = 0.01, .fade = 0.03};
+  // It acts across the reach, as the field does.
   for (const bool supported : {false, true}) {
     test::Recorded recorded;
     recorded.header.config["reach"] = json_of(reach);
-    if (supported) put_support(recorded.header.config, support);
+    recorded.supported = supported;
     std::vector<Sample> rows;
     for (std::size_t i = 0; i < 2500; ++i) {
       const double t = 1e-3 * static_cast<double>(i);
@@ -141,11 +138,10 @@ TEST(RecordedTrial, LeavesASupportThatRisesAndFadesOutOfTheFieldShare) {
       row.tick = i;
       row.time_ns = static_cast<std::int64_t>(i) * 1'000'000;
       row.position = Vec3(0.1 * blend.s, 0, 0);
-      row.velocity = velocity + 0.3 * Vec3::UnitY();  // an estimate that is wrong, on which the support acts
+      row.velocity = velocity;
       row.phase = t < kCue ? Phase::approach : Phase::run;
       row.force = reach.field * velocity;
-      if (supported)
-        row.force += std::min(t / ArmSupport::kRise, 1.0) * ArmSupport::steady(support, row.position, row.velocity);
+      if (supported) row.force += row.support = std::min(0.5 * t, 1.0) * Vec3(0, 1.5 - row.position.x(), 0);
     }
     const std::vector<RecordedTrial> trials = written(rows, Reference::none, recorded);
     ASSERT_EQ(trials.size(), 1);

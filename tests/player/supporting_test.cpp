@@ -1,11 +1,15 @@
 // Tests of sessions in which the device carries a part of the arm's weight.
 #include "control/path/shapes.h"
 #include "devices/registry.h"
+#include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
 #include "player/guidance/guide.h"
+#include "player/guidance/live_guidance.h"
 #include "player/playback/playback.h"
 #include "player/record.h"
 #include "player/supporting_controller.h"
+#include "player/tuning/live_recording.h"
+#include "tests/player/timed_commands.h"
 #include "tests/support/allocations.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
@@ -52,7 +56,7 @@ TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
     command.phase = Phase::run;
     return command;
   });
-  SupportingController both(inner, {.force = 2, .up = Vec3::UnitY(), .top = 1, .fade = 0.02}, {});
+  SupportingController both(inner, {.force = 2, .up = Vec3::UnitY(), .top = 1, .stiffness = 100}, {});
   Command last;
   for (int tick = 0; tick < 3000; ++tick) {
     State state{.tick = static_cast<std::uint64_t>(tick), .dt = tick == 0 ? 0 : 1e-3};
@@ -64,6 +68,7 @@ TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
   }
   EXPECT_TRUE(last.wrench.force.isApprox(Vec3(1, 2, 0), 1e-9));
   EXPECT_TRUE(last.feedforward.isApprox(Vec3(0, 2, 0), 1e-9));
+  EXPECT_EQ(last.support, last.feedforward);
   EXPECT_EQ(last.phase, Phase::run);
   EXPECT_TRUE(touched.back().isApprox(Vec3(0, 1, 0), 1e-9)) << "the share that acted";
 }
@@ -84,7 +89,111 @@ TEST(Support, ReachesTheDeviceTheResultAndTheRecording) {
   EXPECT_TRUE(device.forces().back().isZero(0)) << "every way out sends zero";
   const RecordingReader reader(folder / "supported.h5");
   EXPECT_EQ(reader.header().config["support"], 2);
+  for (const Sample& sample : reader.read(0, reader.rows())) ASSERT_EQ(sample.support, sample.force) << sample.tick;
   EXPECT_EQ(to_json(result)["support_n"], 2);
+}
+
+TEST(Support, IsAShareOfAForceThatALimitReducesOrAFaultFades) {
+  PointMass device(1, 40);
+  StopRequest stop;
+  Log log;
+  test::Scripted strong([](const State& state) {
+    Command command{.phase = Phase::run};
+    command.wrench.force = Vec3(9, 0, 0);
+    if (state.tick == 3000) command.status = Command::Status::deviation;
+    return command;
+  });
+  SessionOptions session;
+  session.loop.limits.max_force = 4;
+  session.loop.limits.max_continuous_force = 4;
+  session.support = {.force = 2, .up = Vec3::UnitY()};
+  SampleSink* const sinks[] = {&log};
+  (void)run_session(device, strong, {}, sinks, session, stop);
+  ASSERT_GT(log.samples.size(), 3050U);
+  for (const Sample& sample : log.samples) {
+    if (sample.force.x() > 0) {
+      ASSERT_NEAR(sample.support.y(), sample.force.y(), 1e-9) << "only the support acts along y; " << sample.tick;
+    }
+  }
+  EXPECT_NEAR(log.samples.at(2900).support.y(), 4 * 2 / std::hypot(9, 2), 1e-6);
+  EXPECT_LT(log.samples.at(3030).support.y(), log.samples.at(2990).support.y());
+  EXPECT_EQ(log.samples.back().support.norm(), 0);
+
+  session.support.force = 0;
+  Log without;
+  SampleSink* const others[] = {&without};
+  (void)run_session(device, strong, {}, others, session, stop);
+  EXPECT_TRUE(without.samples.at(100).support.array().isNaN().all()) << "nothing could carry the arm";
+}
+
+TEST(Support, FollowsACommandAndIsRecordedAsItWasSent) {
+  const TempFolder folder;
+  PointMass device(1, 40);
+  StopRequest stop;
+  const auto annotations = std::make_shared<Annotations>();
+  LiveRecording live(annotations, stop);
+  test::TimedCommands commands(live, {{3, "support 1"}, {4, "support"}, {4, "support * 40"}, {5, "reset"}, {6, "get"}});
+  Log log;
+  SessionOptions session{
+      .recording = SessionOptions::Recording{.file = folder / "s.h5", .options = {.annotations = annotations}}};
+  session.support = {.force = 2, .up = Vec3::UnitY()};
+  std::vector<SampleSink*> sinks{&log, &commands};
+  attach(live, device.info(), session, sinks);
+  int ticks = 0;
+  test::Scripted nothing([&](const State&) {
+    if (++ticks == 7000) stop.raise();
+    return Command{.phase = Phase::run};
+  });
+  const SessionResult result = run_session(device, nothing, {}, sinks, session, stop);
+  EXPECT_NEAR(log.samples.at(2900).force.y(), 2, 1e-6);
+  EXPECT_NEAR(log.samples.at(3250).force.y(), 1.5, 0.01) << "at 2 N/s";
+  EXPECT_NEAR(log.samples.at(3990).force.y(), 1, 1e-6);
+  EXPECT_NEAR(log.samples.at(4990).force.y(), kSupportShare * kCautious, 1e-6) << "no more than the motors can hold";
+  EXPECT_NEAR(log.samples.at(6500).force.y(), 2, 1e-6);
+  EXPECT_EQ(result.support, 2);
+  ASSERT_EQ(commands.answers.size(), 5U);
+  EXPECT_EQ(commands.answers[0], "ok support 1");
+  EXPECT_EQ(commands.answers[1], "ok support 1");
+  EXPECT_EQ(commands.answers[2], "ok support 2.1 clamped from 40: 2.1 is the force that this device can hold for long");
+  EXPECT_EQ(commands.answers[3], "ok reset to support 2");
+  EXPECT_EQ(nlohmann::json::parse(commands.answers[4])["support"], 2);
+  const RecordingReader reader(folder / "s.h5");
+  for (const Sample& sample : reader.read(0, reader.rows())) ASSERT_EQ(sample.support, sample.force) << sample.tick;
+  std::vector<std::string> texts;
+  for (const StoredEvent& event : reader.events()) texts.push_back(event.text);
+  EXPECT_THAT(texts, testing::IsSupersetOf({"tuned: support 1", "tuned: support 2.1", "tuned: support 2"}));
+}
+
+TEST(Support, HasACommandOnlyInASessionThatBeganWithIt) {
+  PointMass device;
+  StopRequest stop;
+  LiveRecording live(nullptr, stop);
+  SessionOptions session;
+  std::vector<SampleSink*> sinks;
+  attach(live, device.info(), session, sinks);
+  EXPECT_THAT(live.obey("support 2"), HasSubstr("error support: this session began without a support of the arm"));
+  EXPECT_THAT(live.controls(), IsEmpty());
+  session.support.adjustable = true;
+  attach(live, device.info(), session, sinks);
+  EXPECT_EQ(live.obey("support 2"), "ok support 2");
+  EXPECT_EQ(live.controls().at(0).largest, kSupportShare * kCautious);
+  EXPECT_EQ(live.obey("support -1"), "ok support 0 clamped from -1: 0 is the least value");
+  EXPECT_THAT(live.obey("support x"), HasSubstr("'x' is not a number"));
+  EXPECT_THAT(live.obey("support 1 2"), HasSubstr("takes one value"));
+  EXPECT_THAT(live.obey("get suport"), HasSubstr("did you mean 'support'"));
+}
+
+TEST(Support, OfAnExerciseStaysAsACommandSetIt) {
+  StopRequest stop, end;
+  LiveGuidance live({.stop = &stop, .programme = true});
+  EXPECT_EQ(live.next_support(3, 2), 2);
+  LiveSession::Trial trial(&live, end, "a.h5", 3);
+  live.begin_support(LiveSession::CarriedArm{.force = 2, .most = 5, .because = "limit"});
+  EXPECT_EQ(live.obey("support 0"), "ok support 0");
+  EXPECT_EQ(live.next_support(3, 2.5), 0) << "for its next repetition too";
+  EXPECT_EQ(live.next_support(4, 2), 2) << "but not for another exercise";
+  EXPECT_EQ(live.obey("reset"), "ok reset to support 2.5") << "as the programme now plans it";
+  EXPECT_EQ(live.next_support(3, 2.5), 2.5);
 }
 
 TEST(Support, IsAtMostWhatTheMotorsCanHoldAndSaysSo) {

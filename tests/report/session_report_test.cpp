@@ -219,9 +219,12 @@ TEST(SessionReport, AcceptsRecordingsOfEveryKind) {
   for (const std::string mode : {"free", "tunnel"}) {
     test::Recorded recorded;
     recorded.header.config = {{"mode", mode}, {"stiffness", 700}};
-    if (mode == "tunnel") recorded.header.config.update({{"support", 1.5}, {"up", "0,0,1"}});
+    recorded.supported = mode == "tunnel";
+    std::vector<Sample> rows = rows_of(path, {}, Reference::guidance);
+    for (std::size_t i = 0; i < rows.size(); ++i)
+      rows[i].support = std::min(1.5, 0.01 * static_cast<double>(i)) * Vec3::UnitZ();
     const std::string file = folder / (mode + "-guided.h5");
-    test::write(file, rows_of(path, {}, Reference::guidance), Reference::guidance, recorded);
+    test::write(file, rows, Reference::guidance, recorded);
     const Report report = report_of(file);
     const ReportExercise& exercise = report.sessions[0].exercises[0];
     EXPECT_EQ(exercise.mode, mode);

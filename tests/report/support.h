@@ -84,12 +84,15 @@ struct Recorded {
   RecordingHeader header;
   std::vector<StoredEvent> events{{0, 1, "started"}, {1e6, 2, "finished"}};
   bool finish = true;
+  bool supported = false;  ///< the arm: the rows have that force
 };
 
 /// Writes rows as a recording. Without `finish`, the file is left as by a killed process.
 inline void write(const std::string& file, const std::vector<Sample>& rows, Reference reference,
                   const Recorded& recorded = {}) {
-  RecordingWriter writer(file, recorded.header, columns_of(reference), {});
+  RecordingColumns columns = columns_of(reference);
+  columns.support = recorded.supported;
+  RecordingWriter writer(file, recorded.header, columns, {});
   writer.append(rows);
   for (const StoredEvent& event : recorded.events) writer.append(event);
   if (recorded.finish)

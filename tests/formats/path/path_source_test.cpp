@@ -2,7 +2,6 @@
 
 #include "formats/path/path_file.h"
 #include "formats/path/path_thinning.h"
-#include "formats/recording/recorded_support.h"
 #include "report/recording_figure.h"
 #include "tests/formats/support.h"
 
@@ -207,55 +206,23 @@ TEST(PathSource, PrefersARepetitionThatWasNotCutShort) {
 }
 
 TEST(PathSource, LeavesTheSupportOfTheArmOutOfTheForcesOfARecording) {
-  const ArmSupport::Options support{.force = 1.5, .up = Vec3::UnitZ(), .top = 0.05, .fade = 0.01};
-  const Vec3 task(0.4, 0, -0.3);
-  // A session with a run has other forces, too; one that only records has none.
-  for (const bool runs : {true, false}) {
-    std::vector<Sample> session = runs ? session_of_runs(2, 6000) : free_session(2, 6000);
-    for (std::size_t i = 0; i < session.size(); ++i) {
-      Sample& sample = session[i];
-      sample.time_ns = static_cast<std::int64_t>(i) * 1'000'000;
-      sample.position.z() = 0.06 * static_cast<double>(i % 500) / 500;
-      sample.velocity = Vec3(0, 0, 0.4);
-      const double risen = std::min(1.0, 1e-3 * static_cast<double>(i) / ArmSupport::kRise);
-      sample.force = risen * ArmSupport::steady(support, sample.position, sample.velocity);
-      if (runs) sample.force += task;
-      sample.force_measured = -sample.force;
-      // At the end of a recording the support fades.
-      if (!runs && i > 5000) sample.force *= 1e-3 * static_cast<double>(session.size() - i);
-    }
-    const TempFolder folder;
-    const std::string file = folder / "supported.h5";
-    RecordingHeader header;
-    put_support(header.config, support);
-    write_recording(file, session, {.force_measured = true}, header);
-    const auto sent = open_path(file);
-    EXPECT_EQ(sent->facts().support, 1.5);
-    EXPECT_THAT(sent->facts().notes, Not(Contains(HasSubstr("stuck"))));
-    for (const Vec3& force : sent->read(0, sent->facts().rows).force)
-      EXPECT_LT((force - (runs ? task : Vec3(Vec3::Zero()))).norm(), 1e-6);
-    if (!runs) continue;
-    const auto measured = open_path(file, {.measured = true, .negated = true});
-    for (const Vec3& force : measured->read(0, measured->facts().rows).force) EXPECT_LT((force + task).norm(), 1e-6);
-  }
-}
-
-TEST(PathSource, TakesTheSupportAsRisenInAPieceThatBeginsInTheMidstOfASession) {
-  const ArmSupport::Options support{.force = 1.5, .up = Vec3::UnitZ()};
   const Vec3 task(0.4, 0, -0.3);
   std::vector<Sample> session = session_of_runs(2, 6000);
   for (std::size_t i = 0; i < session.size(); ++i) {
-    session[i].time_ns = static_cast<std::int64_t>(60'000 + i) * 1'000'000;
-    session[i].velocity = Vec3::Zero();
-    session[i].force = task + ArmSupport::steady(support, session[i].position, session[i].velocity);
+    Sample& sample = session[i];
+    sample.support = Vec3(0, 0, 1.5 + std::sin(1e-3 * static_cast<double>(i)));  // as a therapist changes it
+    sample.force = task + sample.support;
+    sample.force_measured = -sample.force;
   }
   const TempFolder folder;
-  const std::string file = folder / "piece.h5";
-  RecordingHeader header;
-  put_support(header.config, support);
-  write_recording(file, session, {}, header);
-  const auto piece = open_path(file);
-  for (const Vec3& force : piece->read(0, piece->facts().rows).force) EXPECT_LT((force - task).norm(), 1e-6);
+  const std::string file = folder / "supported.h5";
+  write_recording(file, session, {.force_measured = true, .support = true});
+  const auto sent = open_path(file);
+  EXPECT_TRUE(sent->facts().supported);
+  EXPECT_THAT(sent->facts().notes, Not(Contains(HasSubstr("stuck"))));
+  for (const Vec3& force : sent->read(0, sent->facts().rows).force) EXPECT_LT((force - task).norm(), 1e-6);
+  const auto measured = open_path(file, {.measured = true, .negated = true});
+  for (const Vec3& force : measured->read(0, measured->facts().rows).force) EXPECT_LT((force + task).norm(), 1e-6);
 }
 
 TEST(PathSource, SaysWhyNothingCanBeChosen) {

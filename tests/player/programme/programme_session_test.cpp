@@ -544,6 +544,21 @@ TEST_F(ProgrammeSession, SkipsARepetitionAndGoesOnWithTheNext) {
   EXPECT_TRUE(load_session_log(options_.folder).trials[0].skipped());
 }
 
+TEST_F(ProgrammeSession, KeepsTheSupportOfTheArmThatACommandSetForTheExercise) {
+  LiveGuidance live({.programme = true});
+  options_.live = &live;
+  std::vector<std::string> answers;
+  options_.ended = [&](const LoggedTrial& trial) {
+    answers.push_back(live.obey(trial.repetition == 1 ? "support 0" : "support 0.5"));
+  };
+  const SessionLog log = run(programme_of({R"("mode": "free", "repetitions": 3, "support": 1)"})).log;
+  ASSERT_EQ(log.trials.size(), 3U);
+  EXPECT_EQ(answers[0], "ok support 0");
+  EXPECT_EQ(log.trials[0].settings.support, 1);
+  EXPECT_EQ(log.trials[1].settings.support, 0);
+  EXPECT_EQ(log.trials[2].settings.support, 0.5) << "it was off, and a command raised it again";
+}
+
 TEST_F(ProgrammeSession, RepeatsARepetitionOnceMoreAfterIt) {
   LiveGuidance live({.programme = true});
   options_.live = &live;
