@@ -166,12 +166,16 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
     return fmt::format("  {}: kp {:.0f}, {:.0f}, {:.0f} N/m; kd {:.1f}, {:.1f}, {:.1f} N s/m\n", name, kp.x(), kp.y(),
                        kp.z(), kd.x(), kd.y(), kd.z());
   };
-  if (result.identification.coarse)
-    text += fmt::format(
-        "  coarse: {}. The model therefore covers slow movement only (to 20 Hz).\n"
-        "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
-        "  playback is less accurate than usual. Over the workspace: {}\n",
-        result.doubt, 100 * result.bandwidth, text_of(design.verdict));
+  if (result.identification.coarse) {
+    text += fmt::format("  coarse: {}. The model therefore covers slow movement only (to 20 Hz).\n", result.doubt);
+    text += result.bandwidth > 0
+                ? fmt::format(
+                      "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
+                      "  playback is less accurate than usual. Over the workspace: {}\n",
+                      100 * result.bandwidth, text_of(design.verdict))
+                : fmt::format("  No law for it passed a trial on a small circle: {}. Playbacks use plain PD control.\n",
+                              design.verdict.refused);
+  }
   if (result.held) text += text_of(*result.held);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);

@@ -123,9 +123,8 @@ ExpertRecording open_expert(const std::string& file, const ExpertOptions& option
                             const std::optional<DeviceProfile>& known) {
   ExpertRecording result{.path = open_path(file, selection, progress, csv)};
   const std::string name = result.path->facts().name;
-  if (const double support = result.path->facts().support; support > 0)
-    result.notes.push_back(
-        fmt::format("{}: the support of the expert's arm, {:.2g} N, is left out of the force", name, support));
+  if (result.path->facts().supported)
+    result.notes.push_back(fmt::format("{}: the support of the expert's arm is left out of the force", name));
   const bool asked = options.force.has_value(), wants_sent = options.force == ReplayedForce::sent;
   if (!options.profile.empty()) (void)load_profile(options.profile);
   const auto note_useless = [&](const std::string& why) {

@@ -87,7 +87,10 @@ class CalibrationRun {
       return std::move(result_);
     }
     try_designs(device_, plan_, options_.session, stop_, progress_, result_);
-    if (result_.design && options_.places) try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
+    if (result_.design && options_.places)
+      try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
+    else if (!result_.reason.empty())
+      result_.design.reset();
     return std::move(result_);
   }
 

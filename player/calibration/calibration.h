@@ -27,7 +27,7 @@ struct CalibrationResult {
   std::optional<TrackingDesign> design;  ///< present when the session finished and the model fits
   std::string reason;                    ///< why there is no design; empty when there is one
   std::string doubt;                     ///< why the model is only a coarse one; empty for a full model
-  double bandwidth = 1;                  ///< share of the designed bandwidth that passed the trials; 1 without trials
+  double bandwidth = 1;                  ///< share of the designed bandwidth that passed; 0: none; 1 without trials
   int trials = 0;                        ///< number of trials of a coarse model's design
 
   std::optional<HeldDevice> held;  ///< laws for the device in the hand; present for a full model
@@ -48,7 +48,8 @@ struct CalibrationResult {
 ///
 /// If the response is not that of a mass, identify_coarsely makes a coarse model. The law designed for it is then tried
 /// out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth. The first law that
-/// passes is kept, and compared with plain PD control over the workspace; if none passes, the result has no design.
+/// passes is kept, and compared with plain PD control over the workspace. If none passes, playbacks take plain PD
+/// control, which must stay calm there; else the result has no design.
 ///
 /// If the response is that of a mass, LQG laws are searched, and tried over the workspace beside plain PD control
 /// (workspace_trial.h); `held` says what came of it. The calibration needs to know only the device's largest force,

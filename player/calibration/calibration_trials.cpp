@@ -11,6 +11,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <span>
+#include <utility>
 
 namespace haptrace {
 namespace {
@@ -59,9 +60,17 @@ class LawTrials {
     if (judge_observer()) refuse_below(kWorthwhile, "another one was refused", result_.design->verdict);
   }
 
-  /// Compares the law for a coarse model with plain PD control. Returns early if the user or the device ends it.
+  /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
+  /// calm, or there is no design. Returns early if the user or the device ends it.
   void run_coarse() {
-    if (try_plain() && judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
+    if (!try_plain()) return;
+    if (result_.design->verdict.refused.empty()) {
+      if (judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
+    } else if (result_.design->plain_calm) {
+      result_.reason.clear();
+    } else {
+      result_.design.reset();
+    }
   }
 
  private:
@@ -226,19 +235,17 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
                       (kTrialRaise * design.gains.kd).cwiseMin(kLargestKd)};
     const LawTrial trial = try_out(device, {result.identification.plant, design}, options, stop, progress);
     ++result.trials;
-    if (trial.passed()) {
-      result.design = design;
-      result.bandwidth = bandwidth;
-      result.reason.clear();
-      return;
-    }
+    design.verdict.refused = trial.reason;
+    result.bandwidth = trial.passed() ? bandwidth : 0;
+    result.design = std::move(design);
+    if (trial.passed()) return result.reason.clear();
     result.reason =
         fmt::format("{}; the trial of a control law for a coarse model failed: {}", result.doubt, trial.reason);
     const StopCause cause = trial.session.servo.cause;
     if (cause == StopCause::interrupted || cause == StopCause::device_lost) {
       result.session.servo.cause = cause;
       result.session.servo.detail = trial.session.servo.detail;
-      return;
+      return result.design.reset();
     }
   }
 }

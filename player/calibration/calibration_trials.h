@@ -11,7 +11,8 @@ namespace haptrace {
 /// Ends a calibration after its first session: there is no profile then.
 void end_early(StopCause cause, const std::string& reason, CalibrationResult& result);
 
-/// Finds a design for a coarse model under which the device is stable, and notes in the result what came of it.
+/// Finds a design for a coarse model under which the device is stable, and notes in the result what came of it: the
+/// last one with a verdict that refuses it if none is.
 void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptions& session, const StopRequest& stop,
                  const Progress& progress, CalibrationResult& result);
 

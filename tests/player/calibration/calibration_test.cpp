@@ -272,6 +272,24 @@ TEST(Calibration, ComparesTheLawForACoarseModelWithPlainPdControlToo) {
   EXPECT_FALSE(calibrated(again, in_the_middle).design->verdict.tried);
 }
 
+TEST(Calibration, LeavesPlainPdControlToACoarseModelOfWhichNoLawIsStable) {
+  const EnsembleDraw draw = draw_device(1, 2, EnsembleKind::everything);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_EQ(result.bandwidth, 0);
+  EXPECT_EQ(result.trials, 4);
+  EXPECT_NE(result.design->verdict.refused, "");
+  EXPECT_TRUE(result.design->plain_calm);
+
+  CalibrationOptions in_the_middle = whole();
+  in_the_middle.places = false;
+  SimDevice again(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult untried = calibrated(again, in_the_middle);
+  EXPECT_FALSE(untried.succeeded()) << "nothing tried plain PD control";
+  EXPECT_THAT(untried.reason, HasSubstr("a control law for a coarse model failed"));
+}
+
 TEST(Calibration, FindsALinkThatSwingsInALooseHandAndNoDelayInItsPlace) {
   SimDevice device(preset("touch", "loose"));
   const CalibrationResult result = calibrated(device, whole());
