@@ -16,7 +16,7 @@ class LiveRecording final : public LiveSession {
   [[nodiscard]] const std::vector<std::string>& quantities() const override;
   [[nodiscard]] std::string help() const override { return "this session has no values to change"; }
   std::string change(const std::string& name, Words values) override;
-  std::string reset() override { return "the start"; }
+  std::string reset() override { return ""; }
   [[nodiscard]] std::string text_of(const std::string& name) const override { return name; }
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::vector<LiveControl> list_controls() const override { return {}; }

@@ -242,7 +242,10 @@ std::string LiveSession::change_support(Words values) {
 }
 
 std::string LiveSession::reset_all() {
-  if (!arm_) return reset();
+  if (!arm_) {
+    const std::string values = reset();
+    return values.empty() ? "the start" : values;
+  }
   ExerciseSupport& support = supports_[exercise_];
   support.changed.reset();
   set_support(support.planned);

@@ -133,7 +133,7 @@ class LiveSession : public Commands, public SampleSink {
   [[nodiscard]] virtual std::string help() const = 0;
   /// Changes a quantity and returns the answer after "ok ".
   virtual std::string change(const std::string& name, Words values) = 0;
-  /// Returns to the values at the start, and returns the answer after "ok reset to ".
+  /// Returns to the values at the start, and returns them: the answer after "ok reset to ". Empty: there are none.
   virtual std::string reset() = 0;
   [[nodiscard]] virtual std::string text_of(const std::string& name) const = 0;
   [[nodiscard]] virtual nlohmann::json state() const = 0;
