@@ -86,6 +86,16 @@ std::string text_of(const LawVerdict& verdict) {
              : fmt::format("at least {:.1f} times closer than PD over the workspace", verdict.improvement);
 }
 
+/// Returns the first requirements that a search could not meet, a line each, and how many more there are.
+std::string unmet_text(const std::vector<std::string>& unmet) {
+  constexpr std::size_t kMost = 3;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(unmet.size(), kMost); ++i) text += fmt::format("    {}\n", unmet[i]);
+  if (unmet.size() > kMost)
+    text += fmt::format("    and {} more like these, which the profile lists\n", unmet.size() - kMost);
+  return text;
+}
+
 std::string text_of(const HeldDevice& held) {
   const char* known = held.hand == HandKnown::identified ? "identified"
                       : held.hand == HandKnown::nobody   ? "nobody holds the device; some hand is assumed"
@@ -111,7 +121,7 @@ std::string text_of(const HeldDevice& held) {
     const LawVerdict& verdict = design.verdict;
     text += fmt::format("  --firmness {}: predicted error {:.3f} mm and force ripple {:.2f} N rms; {}\n",
                         to_string(firmness), 1e3 * design.figures.error, design.figures.ripple, text_of(verdict));
-    for (const std::string& unmet : design.unmet) text += fmt::format("    {}\n", unmet);
+    text += unmet_text(design.unmet);
   }
   return text;
 }
@@ -179,6 +189,10 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
   if (result.held) text += text_of(*result.held);
   text += gains("gains", design.gains.kp, design.gains.kd);
   text += gains("largest stable gains", design.largest.kp, design.largest.kd);
+  if (design.plain_calm || design.verdict.tried || (result.held && result.held->design(Firmness::normal).verdict.tried))
+    text += gains(design.plain_calm ? "PD control that it was compared with, calm"
+                                    : "PD control that it was compared with, not calm",
+                  design.plain.kp, design.plain.kd);
   return text;
 }
 

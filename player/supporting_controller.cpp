@@ -40,11 +40,10 @@ void SupportingController::resume(const State& first) noexcept {
 Command SupportingController::update(const State& state) noexcept {
   requests_.update(state.dt);
   State seen = state;
-  seen.force_touched += state.share_applied * carried_;
+  if (!state.force_applied.isZero(0)) seen.force_applied -= carried_;  // else nothing acted, as after a gap
   Command command = inner_.update(seen);
   const double asked = requests_.support();
-  carried_ =
-      requests_.share() * support_.update(state, requests_.wanted_share() > 0, std::isfinite(asked) ? asked : planned_);
+  carried_ = support_.update(state, requests_.wanted_share() > 0, std::isfinite(asked) ? asked : planned_);
   command.wrench.force += carried_;
   command.feedforward += carried_;
   command.support = carried_;
@@ -66,7 +65,7 @@ SupportPlan plan_support(const DeviceInfo& device, const SessionOptions& options
   if (most > 0 && asked.force > most) {
     plan.support.force = most;
     plan.warnings.push_back(fmt::format(
-        "the arm is supported with {:.2g} N instead of {:.3g} N: {}", most, asked.force,
+        "the arm is supported with {:.3g} N instead of {:.3g} N: {}", most, asked.force,
         holds_less ? device.model + " can hold no more for long"
                    : fmt::format("the session has {:.3g} N, of which the rest needs some", limits.max_force)));
   }

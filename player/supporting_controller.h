@@ -10,14 +10,13 @@
 
 namespace haptrace {
 
-/// Adds the support of the arm to another controller: F = F_inner + share F_support, before every limit.
+/// Adds the support of the arm to another controller: F = F_inner + F_support, before every limit.
 ///
-/// It is known beforehand, so it is feedforward, which the loop does not soften: an arm must not drop because a wall
-/// vibrates. `share` follows the requests from outside, like the feedback of other controllers.
+/// It is known beforehand, so it is feedforward, which neither the loop nor a request softens: an arm must not drop
+/// because a wall vibrates, or a page is silent. A pause that takes all forces takes it, too.
 ///
-/// `inner` gets the whole force in State::force_applied, because the support is in the motors and no load. It gets the
-/// support in State::force_touched, too: the energy account of guidance leaves it out. While the loop softens, that is
-/// less than what acted, and the rest counts as given by the guidance.
+/// `inner` gets the force without the support in State::force_applied: what the support carries is no load any more,
+/// neither for an observer, which would cancel it a second time, nor for the energy account of guidance.
 ///
 /// Real-time: all but the constructor.
 class SupportingController final : public Controller {

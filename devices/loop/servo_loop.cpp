@@ -597,11 +597,10 @@ class ServoLoop::Session {
     }
     ForceLimiter::Result torque{Vec3::Zero(), 0, 0, ForceLimiter::Verdict::free};
     if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
-    const ForceLimiter::Result force = limiter_.limit(scale * asked.force);
+    const auto [force, share] =
+        limited(scale * asked.force, scale * (fault_wrench_ ? fault_support_ : command.support));
     wrench_ = {force.force, torque.force};
-    const double sent = force.verdict == ForceLimiter::Verdict::free ? scale : scale * force.allowed / force.asked;
-    share_ = guard_ ? sent * guard_->share() : sent;
-    support_ = sent * (fault_wrench_ ? fault_support_ : command.support);
+    share_ = scale * share * (guard_ ? guard_->share() : 1);
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
     if (const auto event = budget_.update(limiter_, norm_of(wrench_.force))) push_event(state.time_ns, *event);
@@ -613,12 +612,38 @@ class ServoLoop::Session {
       const auto verdict = resistance_.update(held_back || command.resisted, command.patience, dt);
       watch_resistance(verdict, held_back, command, state.time_ns);
     }
-    if (guard_ && mode_ != Mode::fading) watch_vibration(command, scale * asked.force, scale, state);
+    if (guard_ && mode_ != Mode::fading)
+      watch_vibration(command, share * (scale * (asked.force - command.feedforward)), state);
 
     if (mode_ != Mode::running && (scale == 0 || is_released(wrench_))) {
       wrench_ = {};
       ended_ = true;
     }
+  }
+
+  struct Limited {
+    ForceLimiter::Result force;
+    double share;  ///< of the force beside the support that may be sent
+  };
+
+  /// Limits a force with `support` in it, which may be NaN, and sets the part of it that carries an arm. An arm must
+  /// not drop because something else asks for much: the limit reduces the rest first.
+  [[nodiscard]] Limited limited(const Vec3& force, const Vec3& support) noexcept {
+    Limited result{limiter_.limit(force), 1};
+    support_ = support;
+    if (result.force.verdict == ForceLimiter::Verdict::free) return result;
+    const double allowed = result.force.allowed;
+    result.share = allowed / result.force.asked;
+    if (!(support.squaredNorm() > 0 && norm_of(support) < allowed)) {
+      support_ *= result.share;
+      return result;
+    }
+    // |support + share rest| = allowed
+    const Vec3 rest = force - support;
+    const double a = rest.squaredNorm(), b = support.dot(rest), c = support.squaredNorm() - allowed * allowed;
+    result.share = (std::sqrt(b * b - a * c) - b) / a;
+    result.force.force = support + result.share * rest;
+    return result;
   }
 
   /// Starts the end after a fault: the last force fades, and the loop stops calling the controller.
@@ -643,13 +668,10 @@ class ServoLoop::Session {
     push_event(time_ns, {.code = EventCode::resistance_limit, .values = {resistance_.count(), kNaN, kNaN}});
   }
 
-  /// Passes the sent force to the guard. A limit reduces feedforward and feedback alike.
-  void watch_vibration(const Command& command, const Vec3& asked, double scale, const State& state) noexcept {
+  /// Passes the sent force to the guard. `sent` is the part of it that is no feedforward.
+  void watch_vibration(const Command& command, const Vec3& sent, const State& state) noexcept {
     Wrench feedback = wrench_;
-    if (!command.feedforward.isZero(0)) {
-      const double norm = norm_of(asked);
-      if (norm > 0) feedback.force -= norm_of(wrench_.force) / norm * scale * command.feedforward;
-    }
+    if (!command.feedforward.isZero(0)) feedback.force = sent;
     const auto event = guard_->watch(feedback, state.position, command.vibration, state.dt);
     if (!event) return;
     if (guard_->beyond_help() && mode_ == Mode::running) begin_fading(StopCause::oscillation, command);

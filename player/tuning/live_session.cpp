@@ -4,6 +4,7 @@
 #include "base/number.h"
 #include "base/printable.h"
 #include "base/suggest.h"
+#include "base/units.h"
 #include "control/event_words.h"
 #include "devices/device.h"
 #include "player/session.h"
@@ -224,21 +225,33 @@ void LiveSession::set_support(double force) {
   log_change(kSupport, support_text());
 }
 
+double LiveSession::wanted_support(Words values, std::optional<double> present) {
+  if (present)
+    if (const auto factor = factor_of(kSupport, values)) return *factor * *present;
+  std::string text;
+  for (const std::string& value : values) text += value;  // "2 N"
+  const auto force = parse_quantity(text, "N");
+  if (!force || !std::isfinite(*force))
+    throw input_error(fmt::format("{0} takes a force, such as 2 or 1.5N{1}", kSupport,
+                                  present ? fmt::format(", or a factor as in {} * 1.1", kSupport) : ""));
+  if (*force < 0) throw input_error(fmt::format("{} is negative; it must be at least 0", kSupport));
+  return *force;
+}
+
 std::string LiveSession::change_support(Words values) {
-  const double present = arm().force;
-  double asked = present;
-  if (const auto factor = factor_of(kSupport, values)) {
-    asked *= *factor;
-  } else {
-    if (values.size() != 1) throw input_error(fmt::format("{0} takes one value, as in {0} 2 or {0} * 1.1", kSupport));
-    asked = finite_number(kSupport, values[0]);
-  }
-  const double force = std::clamp(asked, 0.0, arm_->most);
+  if (!begun_) return expect_support(values);
+  const double asked = wanted_support(values, arm().force), force = std::min(asked, arm_->most);
   supports_[exercise_].changed = force;
   set_support(force);
   if (force == asked) return support_text();
-  return fmt::format("{} clamped from {:.3g}: {:.3g} is the {}", support_text(), asked, force,
-                     asked < 0 ? "least value" : arm_->because);
+  return fmt::format("{} clamped from {:.3g}: {:.3g} is the {}", support_text(), asked, force, arm_->because);
+}
+
+std::string LiveSession::expect_support(Words values) {
+  if (options_.programme) throw input_error(fmt::format("{}: no repetition has begun yet", kSupport));
+  const double force = wanted_support(values, std::nullopt);
+  supports_[exercise_].changed = force;
+  return fmt::format("{} {:.3g} from the beginning, if the session carries an arm", kSupport, force);
 }
 
 std::string LiveSession::reset_all() {
@@ -259,8 +272,13 @@ std::string LiveSession::reset_all() {
 
 void LiveSession::begin_support(std::optional<CarriedArm> arm) {
   const std::lock_guard lock(mutex_);
+  begun_ = true;
   arm_ = std::move(arm);
-  if (arm_ && !options_.programme) supports_[exercise_].planned = arm_->force;
+  if (arm_ && !options_.programme) {
+    ExerciseSupport& support = supports_[exercise_];
+    support.planned = arm_->force;
+    if (support.changed) arm_->force = std::min(*support.changed, arm_->most);
+  }
   wanted_.support = arm_ ? arm_->force : kNaN;
   post();
 }

@@ -175,7 +175,11 @@ class LiveSession : public Commands, public SampleSink {
   void post_share();
   /// Throws Error(input) unless the session carries an arm.
   [[nodiscard]] const CarriedArm& arm() const;
+  /// Returns the force that the values ask for [N], as a number or as a factor of the `present` one.
+  static double wanted_support(Words values, std::optional<double> present);
   std::string change_support(Words values);
+  /// Takes a support for a session that has not begun yet, as a file of commands does.
+  std::string expect_support(Words values);
   void set_support(double force);
   [[nodiscard]] std::string support_text() const;
   /// Resets the support and the quantities of the derived class.
@@ -195,6 +199,7 @@ class LiveSession : public Commands, public SampleSink {
   bool skipped_ = false, repeats_ = false;
   bool softened_ = false;  ///< by a command
   bool attended_ = true, unattended_in_trial_ = false;
+  bool begun_ = false;  ///< begin_support() was called
   std::optional<CarriedArm> arm_;
   std::size_t exercise_ = 0;
   /// Support of an exercise: as planned, and as a command set it.

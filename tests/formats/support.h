@@ -74,6 +74,7 @@ inline std::vector<Sample> random_session(unsigned seed, std::size_t rows, const
       s.reference_orientation = Quat(1.5, number(random), number(random), number(random)).normalized();
     s.torque = vector(columns.torque);
     s.force_measured = vector(columns.force_measured);
+    s.support = vector(columns.support);
     s.reference_position = vector(columns.reference);
     s.reference_velocity = vector(columns.reference);
     s.reference_force = vector(columns.guidance);

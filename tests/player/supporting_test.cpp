@@ -3,6 +3,7 @@
 #include "devices/registry.h"
 #include "formats/path/path_file.h"
 #include "formats/recording/recording.h"
+#include "player/calibration/calibration.h"
 #include "player/guidance/guide.h"
 #include "player/guidance/live_guidance.h"
 #include "player/playback/playback.h"
@@ -47,10 +48,10 @@ SessionResult recorded(Device& device, SessionOptions session, double seconds, L
 }
 
 TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
-  std::vector<Vec3> touched;
-  touched.reserve(4000);
+  std::vector<Vec3> applied;
+  applied.reserve(4000);
   test::Scripted inner([&](const State& state) {
-    touched.push_back(state.force_touched);
+    applied.push_back(state.force_applied);
     Command command;
     command.wrench.force = Vec3(1, 0, 0);
     command.phase = Phase::run;
@@ -60,7 +61,7 @@ TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
   Command last;
   for (int tick = 0; tick < 3000; ++tick) {
     State state{.tick = static_cast<std::uint64_t>(tick), .dt = tick == 0 ? 0 : 1e-3};
-    state.share_applied = 0.5;
+    state.force_applied = last.wrench.force;
     if (tick == 0) both.start(state);
     const std::size_t before = test::allocations();
     last = both.update(state);
@@ -70,7 +71,7 @@ TEST(SupportingController, AddsAForceThatTheLoopDoesNotSoftenAndThatIsNoLoad) {
   EXPECT_TRUE(last.feedforward.isApprox(Vec3(0, 2, 0), 1e-9));
   EXPECT_EQ(last.support, last.feedforward);
   EXPECT_EQ(last.phase, Phase::run);
-  EXPECT_TRUE(touched.back().isApprox(Vec3(0, 1, 0), 1e-9)) << "the share that acted";
+  EXPECT_TRUE(applied.back().isApprox(Vec3(1, 0, 0), 1e-9)) << "for the controller, the arm is that much lighter";
 }
 
 TEST(Support, ReachesTheDeviceTheResultAndTheRecording) {
@@ -93,7 +94,7 @@ TEST(Support, ReachesTheDeviceTheResultAndTheRecording) {
   EXPECT_EQ(to_json(result)["support_n"], 2);
 }
 
-TEST(Support, IsAShareOfAForceThatALimitReducesOrAFaultFades) {
+TEST(Support, StaysWhereALimitReducesTheForceAndGoesWithAFault) {
   PointMass device(1, 40);
   StopRequest stop;
   Log log;
@@ -115,7 +116,8 @@ TEST(Support, IsAShareOfAForceThatALimitReducesOrAFaultFades) {
       ASSERT_NEAR(sample.support.y(), sample.force.y(), 1e-9) << "only the support acts along y; " << sample.tick;
     }
   }
-  EXPECT_NEAR(log.samples.at(2900).support.y(), 4 * 2 / std::hypot(9, 2), 1e-6);
+  EXPECT_NEAR(log.samples.at(2900).support.y(), 2, 1e-6) << "the limit reduces what is no support";
+  EXPECT_NEAR(log.samples.at(2900).force.norm(), 4, 1e-9);
   EXPECT_LT(log.samples.at(3030).support.y(), log.samples.at(2990).support.y());
   EXPECT_EQ(log.samples.back().support.norm(), 0);
 
@@ -166,6 +168,80 @@ TEST(Support, FollowsACommandAndIsRecordedAsItWasSent) {
   EXPECT_THAT(texts, testing::IsSupersetOf({"tuned: support 1", "tuned: support 2.1", "tuned: support 2"}));
 }
 
+TEST(Support, IsNotSoftenedByACommandButGoesInAPauseThatTakesAllForces) {
+  PointMass device(1, 400);
+  StopRequest stop;
+  LiveRecording live(nullptr, stop);
+  test::TimedCommands commands(live, {{3, "soften"}});
+  Log log;
+  SessionOptions session;
+  session.support = {.force = 2, .up = Vec3::UnitY()};
+  std::vector<SampleSink*> sinks{&log, &commands};
+  attach(live, device.info(), session, sinks);
+  int ticks = 0;
+  test::Scripted nothing([&](const State&) {
+    if (++ticks == 4000) stop.raise();
+    return Command{.phase = Phase::run};
+  });
+  (void)run_session(device, nothing, {}, sinks, session, stop);
+  EXPECT_NEAR(log.samples.at(3900).force.y(), 2, 1e-6) << "an arm must not drop because a page is silent";
+
+  Mailbox<SessionRequests> requests;
+  test::Scripted inner([](const State&) { return Command{}; });
+  SupportingController both(inner, {.force = 2, .up = Vec3::UnitY(), .top = 1, .stiffness = 100},
+                            {.requests = &requests, .rests_in_pause = true});
+  State state{.dt = 1e-3};
+  both.start(state);
+  for (int tick = 0; tick < 3000; ++tick) (void)both.update(state);
+  requests.post({.paused = true});
+  for (int tick = 0; tick < 250; ++tick) (void)both.update(state);
+  EXPECT_NEAR(both.update(state).support.y(), 1, 0.05) << "in half a second";
+}
+
+TEST(Support, IsNoLoadForALawThatCancelsTheLoad) {
+  // The mean error across the support of a calibrated playback, with the arm's weight on the handle [m].
+  const TempFolder folder;
+  const std::string spec = folder.write("arm.json", R"({"gravity_bias": [0, -1.5, 0]})");
+  const std::string name = fmt::format("sim:preset=omega3,spec={},hand=relaxed", spec);
+  const auto device = open_device(name);
+  CalibrationOptions quick{.places = false};
+  const CalibrationResult calibrated = calibrate(*device, quick, StopRequest{});
+  ASSERT_TRUE(calibrated.succeeded()) << calibrated.reason;
+  const auto offset = [&](double support) {
+    const auto again = open_device(name);
+    Log log;
+    PlayOptions options{.identified = calibrated.identified(), .playback = {.repetitions = 2}, .sinks = {&log}};
+    options.session.support = {.force = support, .up = Vec3::UnitY()};
+    (void)play(*again, plan_playback(again->info(), make_shape("circle", {.size = 0.04, .duration = 4}), options),
+               options, StopRequest{});
+    double sum = 0, count = 0;
+    for (const Sample& sample : log.samples) {
+      if (sample.phase != Phase::run || sample.time_ns < 4'000'000'000) continue;
+      sum += (sample.position - sample.reference_position).y();
+      ++count;
+    }
+    return sum / count;
+  };
+  EXPECT_NEAR(offset(1.5), offset(0), 2e-5);
+}
+
+TEST(Support, IsTakenBeforeTheSessionBegins) {
+  PointMass device;
+  StopRequest stop;
+  LiveRecording live(nullptr, stop);
+  EXPECT_EQ(live.obey("support 1"), "ok support 1 from the beginning, if the session carries an arm");
+  EXPECT_THAT(live.obey("support * 2"), HasSubstr("support takes a force, such as 2 or 1.5N"));
+  SessionOptions session;
+  session.support = {.force = 2, .up = Vec3::UnitY()};
+  std::vector<SampleSink*> sinks;
+  attach(live, device.info(), session, sinks);
+  EXPECT_EQ(live.requests().latest().support, 1);
+  EXPECT_EQ(live.obey("support"), "ok support 1");
+  EXPECT_EQ(live.obey("reset"), "ok reset to support 2");
+  LiveGuidance programme({.programme = true});
+  EXPECT_THAT(programme.obey("support 1"), HasSubstr("no repetition has begun yet"));
+}
+
 TEST(Support, HasACommandOnlyInASessionThatBeganWithIt) {
   PointMass device;
   StopRequest stop;
@@ -179,9 +255,11 @@ TEST(Support, HasACommandOnlyInASessionThatBeganWithIt) {
   attach(live, device.info(), session, sinks);
   EXPECT_EQ(live.obey("support 2"), "ok support 2");
   EXPECT_EQ(live.controls().at(0).largest, kSupportShare * kCautious);
-  EXPECT_EQ(live.obey("support -1"), "ok support 0 clamped from -1: 0 is the least value");
-  EXPECT_THAT(live.obey("support x"), HasSubstr("'x' is not a number"));
-  EXPECT_THAT(live.obey("support 1 2"), HasSubstr("takes one value"));
+  EXPECT_EQ(live.obey("support 1.5 N"), "ok support 1.5");
+  EXPECT_EQ(live.obey("support 500mN"), "ok support 0.5");
+  EXPECT_THAT(live.obey("support -1"), HasSubstr("support is negative"));
+  for (const char* wrong : {"support x", "support 1 x", "support 2mm", "support nan", "support inf"})
+    EXPECT_THAT(live.obey(wrong), HasSubstr("support takes a force, such as 2 or 1.5N, or a factor")) << wrong;
   EXPECT_THAT(live.obey("get suport"), HasSubstr("did you mean 'support'"));
 }
 

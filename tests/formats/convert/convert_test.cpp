@@ -169,7 +169,7 @@ TEST(Convert, MakesTheSameRecordingOfAPathAsSavingItDoes) {
 
 TEST(Convert, WritesCsvThatIsReadAsAPathWithoutANoteAboutItsOwnColumns) {
   const TempFolder folder;
-  const RecordingColumns columns{true, true, true, true, true, true};
+  const RecordingColumns columns{true, true, true, false, true, true, true};
   std::vector<Sample> session = random_session(5, 500, columns);
   for (Sample& sample : session) sample.velocity = nan3();
   write_recording(folder / "a.h5", session, columns, odd_header(), kEvents);

@@ -7,7 +7,7 @@
 namespace haptrace {
 namespace {
 
-const RecordingColumns kAll{true, true, true, true, true};
+const RecordingColumns kAll{true, true, true, true, true, true};
 
 std::string text_of(const std::vector<Finding>& findings) {
   std::string text;

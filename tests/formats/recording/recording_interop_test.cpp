@@ -58,7 +58,7 @@ class Python {
 
 TEST(H5py, ReadsTheSameBytesInEveryColumn) {
   const TempFolder folder;
-  const RecordingColumns columns{true, true, true, true, true, true, true, true};
+  const RecordingColumns columns{true, true, true, true, true, true, true, true, true};
   const std::vector<Sample> session = random_session(1, 333, columns);
   RecordingHeader header;
   header.title = "Linie \xC3\xBC";
