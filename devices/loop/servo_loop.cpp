@@ -634,7 +634,7 @@ class ServoLoop::Session {
     if (result.force.verdict == ForceLimiter::Verdict::free) return result;
     const double allowed = result.force.allowed;
     result.share = allowed / result.force.asked;
-    if (!(support.squaredNorm() > 0 && norm_of(support) < allowed)) {
+    if (!is_finite(support) || support.isZero(0) || !(norm_of(support) < allowed)) {
       support_ *= result.share;
       return result;
     }
