@@ -173,7 +173,7 @@ class LawTrials {
   [[nodiscard]] bool judge_observer() {
     law_.law = TrackingLaw::observer;
     law_.firmness.reset();
-    // What ends the trials leaves no design.
+    // If the user or the device ends the trial, the design is gone, and its verdict with it.
     LawVerdict verdict;
     const bool judged = judge(result_.design->ripple, verdict);
     if (judged) result_.design->verdict = verdict;

@@ -218,7 +218,8 @@ std::string LiveSession::support_text() const {
   return fmt::format("{} {:.3g}", kSupport, arm().force);
 }
 
-void LiveSession::set_support(double force) {
+void LiveSession::set_support(double wanted) {
+  const double force = std::min(wanted, arm_->most);
   if (arm_->force == force) return;
   wanted_.support = arm_->force = force;
   post();
@@ -240,11 +241,11 @@ double LiveSession::wanted_support(Words values, std::optional<double> present) 
 
 std::string LiveSession::change_support(Words values) {
   if (!begun_) return expect_support(values);
-  const double asked = wanted_support(values, arm().force), force = std::min(asked, arm_->most);
-  supports_[exercise_].changed = force;
-  set_support(force);
-  if (force == asked) return support_text();
-  return fmt::format("{} clamped from {:.3g}: {:.3g} is the {}", support_text(), asked, force, arm_->because);
+  const double asked = wanted_support(values, arm().force);
+  set_support(asked);
+  supports_[exercise_].changed = arm_->force;
+  if (arm_->force == asked) return support_text();
+  return fmt::format("{} clamped from {:.3g}: {:.3g} is the {}", support_text(), asked, arm_->force, arm_->because);
 }
 
 std::string LiveSession::expect_support(Words values) {

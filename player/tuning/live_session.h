@@ -180,7 +180,7 @@ class LiveSession : public Commands, public SampleSink {
   std::string change_support(Words values);
   /// Takes a support for a session that has not begun yet, as a file of commands does.
   std::string expect_support(Words values);
-  void set_support(double force);
+  void set_support(double wanted);
   [[nodiscard]] std::string support_text() const;
   /// Resets the support and the quantities of the derived class.
   std::string reset_all();

@@ -274,6 +274,9 @@ TEST(Support, OfAnExerciseStaysAsACommandSetIt) {
   EXPECT_EQ(live.next_support(4, 2), 2) << "but not for another exercise";
   EXPECT_EQ(live.obey("reset"), "ok reset to support 2.5") << "as the programme now plans it";
   EXPECT_EQ(live.next_support(3, 2.5), 2.5);
+  EXPECT_EQ(live.next_support(3, 8), 8);
+  EXPECT_EQ(live.obey("reset"), "ok reset to support 5") << "a plan may ask for more than the device can hold";
+  EXPECT_EQ(live.requests().latest().support, 5);
 }
 
 TEST(Support, IsAtMostWhatTheMotorsCanHoldAndSaysSo) {
