@@ -36,6 +36,7 @@ void validate(const VibrationMonitorOptions& options) {
   check_range("vibration monitor: the rate [Hz]", options.rate_hz, 10, 20000);
   check_range("vibration monitor: the largest force [N]", options.max_force, 1e-300, 1e300);
   check_range("vibration monitor: the position resolution [m]", options.position_resolution, 0, 1);
+  check_range("vibration monitor: the answer to a tremor [N]", options.tremor, 0, 1e300);
 }
 
 RippleEnergy::HighPass::HighPass(double cutoff_hz, double rate_hz) noexcept {
@@ -66,7 +67,7 @@ VibrationMonitor::VibrationMonitor(const VibrationMonitorOptions& options)
   period_ = static_cast<float>(1 / options.rate_hz);
   energy_limit_ = 0.2F * force;
   peak_limit_ = 0.3F * force;
-  slow_limit_ = 0.25F * force;
+  slow_limit_ = std::max(0.25F * force, static_cast<float>(std::min(options.tremor, 0.6 * force)));
   contact_limit_ = 0.15F * force;
   speed_ticks_ = static_cast<unsigned>(std::max(1L, std::lround(4e-3 * options.rate_hz)));
   leave_ticks_ = static_cast<int>(std::max(1L, std::lround(6e-3 * options.rate_hz)));

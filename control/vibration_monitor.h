@@ -22,6 +22,7 @@ struct VibrationMonitorOptions {
   double rate_hz = 1000;           ///< servo rate, 10 to 20000 [Hz]
   double max_force = 0;            ///< force limit of the session, above 0 [N]
   double position_resolution = 0;  ///< position resolution of the device; 0: unknown [m]
+  double tremor = 0;  ///< peaks of the force with which feedback may answer a known tremor of the hand; 0: none [N]
 };
 
 /// Throws Error(input) naming the option that is out of its range.
@@ -107,8 +108,9 @@ class RippleEnergy {
 ///    subtracts 2. An interval above 115 ms between the beginnings of two contacts clears the score: a hand that
 ///    writes at 8 Hz touches a wall every 125 ms. The alarm is at a score of 4.
 ///  - slow: half cycles of 4.5 to 16 Hz, each full period within 25 % of their running mean, each peak above 0.6 of the
-///    largest, five of them below 10 Hz and seven above, the mean peak above max(0.25 F, sqrt(2) A). Or four contacts
-///    as above with intervals of up to 350 ms.
+///    largest, five of them below 10 Hz and seven above, the mean peak above max(0.25 F, sqrt(2) A) and above the
+///    answer to a known tremor, but for that no more than 0.6 F. Or four contacts as above with intervals of up to
+///    350 ms.
 /// The energy rule requires A as rms, which is sqrt(2) of the effect's own: all rules leave the effect that margin.
 ///
 /// After an alarm has caused a reaction, a force above half of the energy rule's limit is a remainder: see remaining().

@@ -234,17 +234,16 @@ class Fit {
 
   /// Returns the force of hand and link per displacement of the motors along an axis [N/m].
   [[nodiscard]] Complex impedance(Complex s, const VectorXd& theta, int axis) const {
-    const auto parallel = [](Complex a, Complex b) { return a * b / (a + b); };
     const auto p = [&](Index part) { return std::exp(theta[part + axis]); };
-    Complex z = 0;
+    HandModel hand;
     if (parts_.hand) {
-      constexpr HandModel kArm;
-      const Complex arm =
-          kArm.arm_damping * s + kArm.arm_stiffness * s * kArm.arm_relaxation_s / (1.0 + s * kArm.arm_relaxation_s);
-      z = parallel(p(kHand + kStiffness) + p(kHand + kDamping) * s, p(kHand) * s * s + arm);
+      hand.mass = p(kHand);
+      hand.grip_stiffness = p(kHand + kStiffness);
+      hand.grip_damping = p(kHand + kDamping);
     }
-    if (parts_.link) z = parallel(p(kLink + kStiffness) + p(kLink + kDamping) * s, p(kLink) * s * s + z);
-    return z;
+    LinkModel link;
+    if (parts_.link) link = {.mass = p(kLink), .stiffness = p(kLink + kStiffness), .damping = p(kLink + kDamping)};
+    return held_response(hand, link, s).impedance;
   }
 
   [[nodiscard]] Response response(std::size_t line, const VectorXd& theta) const {

@@ -4,6 +4,22 @@
 
 namespace haptrace {
 
+HeldResponse held_response(const HandModel& hand, const LinkModel& link, std::complex<double> s) noexcept {
+  HeldResponse result{.impedance = 0, .share = 1};
+  // Puts a body behind a spring and a damper, whose force for a displacement is `spring`.
+  const auto behind = [&](std::complex<double> spring, std::complex<double> body) {
+    result.impedance = spring * body / (spring + body);
+    result.share *= spring / (spring + body);
+  };
+  if (hand.mass > 0) {
+    const std::complex<double> relaxing = s * hand.arm_relaxation_s / (1.0 + s * hand.arm_relaxation_s);
+    behind(hand.grip_stiffness + hand.grip_damping * s,
+           hand.mass * s * s + hand.arm_damping * s + hand.arm_stiffness * relaxing);
+  }
+  if (link.mass > 0) behind(link.stiffness + link.damping * s, link.mass * s * s + result.impedance);
+  return result;
+}
+
 HeldModel held_model(const PlantModel& plant, const HandModel& hand, double lag) noexcept {
   const double delay = std::max(plant.delay, 0.0);
   lag = std::min(lag, delay);

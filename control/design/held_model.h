@@ -4,6 +4,7 @@
 #include "control/design/axis_model.h"
 
 #include <array>
+#include <complex>
 
 namespace haptrace {
 
@@ -21,6 +22,17 @@ struct HeldModel {
   [[nodiscard]] bool held() const noexcept { return hand[0].mass > 0 || hand[1].mass > 0 || hand[2].mass > 0; }
   [[nodiscard]] bool flexible() const noexcept { return link[0].mass > 0 || link[1].mass > 0 || link[2].mass > 0; }
 };
+
+/// Hand and link of an axis as its motors feel them, at a complex frequency s.
+struct HeldResponse {
+  std::complex<double> impedance;  ///< force for a displacement of the motors [N/m]
+  std::complex<double> share;  ///< of a force on the hand's mass (without a hand, on the link's or the device's own)
+                               ///< that acts on motors at rest
+};
+
+/// With a || b = a b / (a + b), the arm a(s) = m_h s^2 + b_a s + k_a s tau / (1 + s tau) and the grip g(s) = k_g + b_g
+/// s, the impedance of a hand is g || a, and its share g / (g + a); see HandModel. A link stands before it likewise.
+HeldResponse held_response(const HandModel& hand, const LinkModel& link, std::complex<double> s) noexcept;
 
 /// Lag of a motor and its amplifier where it was not identified [s].
 inline constexpr double kTypicalLag = 0.5e-3;

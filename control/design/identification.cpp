@@ -5,6 +5,7 @@
 #include "control/design/dense.h"
 #include "control/design/friction_axes.h"
 #include "control/design/hand_fit.h"
+#include "control/design/spectrum_estimator.h"
 
 #include <Eigen/LU>
 
@@ -31,89 +32,6 @@ constexpr double kFrictionLeftOut = 0.1;
 constexpr double kDelayLeftOut = 0.1e-3;  // [s]
 
 // ------------------------------------------------------------------------------------------- the spectral lines
-
-/// Estimates amplitudes in windows of one period by least squares instead of correlation, so that missed ticks do no
-/// harm.
-class SpectrumEstimator {
- public:
-  SpectrumEstimator(const Multisine& dither, double rate_hz) : period_(dither.period()), rate_hz_(rate_hz) {
-    for (int axis = 0; axis < 3; ++axis)
-      for (const SpectralLine& line : dither.lines(axis)) frequencies_.push_back(line.frequency_hz);
-    std::sort(frequencies_.begin(), frequencies_.end());
-    sums_.resize(frequencies_.size());
-    for (std::size_t i = 0; i < frequencies_.size(); ++i) sums_[i].w = kTwoPi * frequencies_[i];
-  }
-
-  void add(std::span<const TickRow> rows) {
-    for (std::size_t begin = 0; begin < rows.size();) {
-      std::size_t end = begin;
-      while (end < rows.size() && rows[end].time < rows[begin].time + period_ - 0.25 / rate_hz_) ++end;
-      add_window(rows.subspan(begin, end - begin));
-      begin = end;
-    }
-  }
-
-  [[nodiscard]] LineSpectrum spectrum() const {
-    LineSpectrum result;
-    if (windows_ == 0) return result;
-    result.lines = sums_;
-    for (LineResponse& line : result.lines) {
-      line.position /= windows_;
-      line.force /= windows_;
-    }
-    result.noise = std::sqrt(2 * residual_ / (3 * samples_) / samples_);
-    return result;
-  }
-
- private:
-  static constexpr int kTrend = 4;           // number of powers of time that model the trend
-  static constexpr double kSlowest = 40;     // highest harmonic of the slow movement in the basis [Hz]
-  static constexpr double kCoverage = 0.95;  // required fraction of samples in a window
-
-  void add_window(std::span<const TickRow> rows) {
-    if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
-    const auto harmonics = static_cast<int>(kSlowest * period_ / 2);
-    const auto n = static_cast<Eigen::Index>(rows.size());
-    const auto lines = static_cast<Eigen::Index>(frequencies_.size());
-    const Eigen::Index first_line = kTrend + 2 * harmonics;
-    MatrixXd basis(n, first_line + 2 * lines);
-    MatrixXd data(n, 6);
-    const auto put = [&](Eigen::Index row, Eigen::Index column, double angle) {
-      basis(row, column) = std::cos(angle);
-      basis(row, column + 1) = std::sin(angle);
-    };
-    for (Eigen::Index k = 0; k < n; ++k) {
-      const TickRow& row = rows[static_cast<std::size_t>(k)];
-      const double s = 2 * (row.time - rows.front().time) / period_ - 1;
-      for (int power = 0; power < kTrend; ++power) basis(k, power) = std::pow(s, power);
-      for (int h = 0; h < harmonics; ++h) put(k, kTrend + 2 * h, kTwoPi * 2 * (h + 1) / period_ * row.time);
-      for (Eigen::Index i = 0; i < lines; ++i)
-        put(k, first_line + 2 * i, kTwoPi * frequencies_[static_cast<std::size_t>(i)] * row.time);
-      for (int axis = 0; axis < 3; ++axis) {
-        data(k, axis) = row.position[axis] - rows.front().position[axis];
-        data(k, axis + 3) = row.force[axis];
-      }
-    }
-    const MatrixXd amplitudes = solve_symmetric(transposed_product(basis, basis), transposed_product(basis, data));
-    for (Eigen::Index i = 0; i < lines; ++i)
-      for (Eigen::Index axis = 0; axis < 3; ++axis) {
-        // A cos + B sin is the real part of (A - jB) e^{jwt}.
-        const Eigen::Index c = first_line + 2 * i;
-        LineResponse& line = sums_[static_cast<std::size_t>(i)];
-        line.position[axis] += Complex(amplitudes(c, axis), -amplitudes(c + 1, axis));
-        line.force[axis] += Complex(amplitudes(c, axis + 3), -amplitudes(c + 1, axis + 3));
-      }
-    residual_ += (data - product(basis, amplitudes)).leftCols(3).squaredNorm();
-    samples_ += static_cast<double>(n);
-    ++windows_;
-  }
-
-  double period_, rate_hz_;
-  std::vector<double> frequencies_;
-  std::vector<LineResponse> sums_;
-  double residual_ = 0, samples_ = 0;
-  double windows_ = 0;
-};
 
 /// Fits the response at the spectral lines; see identify() for the model.
 class MobilityFit {
@@ -502,7 +420,8 @@ SweptCycles swept_cycles(const Experiment& experiment, int axis, double delay) {
     const auto n = static_cast<Eigen::Index>(part.rows.size());
     for (Eigen::Index p = 0; p < part.cycles; ++p) {
       const Eigen::Index begin = n * p / part.cycles, end = n * (p + 1) / part.cycles;
-      result.blocks.emplace_back(without.middleRows(begin, end - begin));
+      // A device that hardly slides leaves cycles without a row.
+      if (end > begin) result.blocks.emplace_back(without.middleRows(begin, end - begin));
     }
     result.parts.push_back(std::move(part));
   }
@@ -1019,10 +938,15 @@ Identification identify_coarsely(const Experiment& experiment) {
 }
 
 LineSpectrum spectrum_of(const Experiment& experiment) {
-  SpectrumEstimator estimator(*experiment.dither, experiment.rate_hz);
+  const Multisine& dither = *experiment.dither;
+  std::vector<double> frequencies;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const SpectralLine& line : dither.lines(axis)) frequencies.push_back(line.frequency_hz);
+  std::sort(frequencies.begin(), frequencies.end());
+  SpectrumEstimator estimator(frequencies, dither.period(), experiment.rate_hz);
   for (const Stretch& stretch : experiment.dithered)
     estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
-  return estimator.spectrum();
+  return estimator.mean();
 }
 
 namespace {

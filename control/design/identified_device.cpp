@@ -2,6 +2,7 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
+#include "control/design/hand_noise.h"
 #include "control/design/tracking_design.h"
 
 #include <algorithm>
@@ -64,6 +65,10 @@ HeldDevice held_device(const Identification& identified, const HeldIdentificatio
     device.model = held_model(identified.plant, kRelaxedHand);
   }
   return device;
+}
+
+double answer_to_tremor(const HeldModel& held) noexcept {
+  return kMostAnswer * tremor_at_motors(held).maxCoeff();
 }
 
 std::pair<Vec3, Vec3> HeldDevice::mass_range() const noexcept {

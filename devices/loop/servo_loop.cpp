@@ -214,7 +214,8 @@ class ServoLoop::Session {
     const double resolution = loop.device_.info().position_resolution;
     return ForceGuard({.monitor = {.rate_hz = options.rate_hz,
                                    .max_force = options.limits.max_force,
-                                   .position_resolution = resolution > 0 && resolution < 1 ? resolution : 0},
+                                   .position_resolution = resolution > 0 && resolution < 1 ? resolution : 0,
+                                   .tremor = options.tremor},
                        .max_torque = loop.device_.info().takes_torque() ? options.limits.max_torque : 0});
   }
 

@@ -31,6 +31,7 @@ struct ServoOptions {
   bool realtime = true;       ///< request a real-time thread (monotonic clock only)
   SafetyLimits limits;  ///< force limits never exceed the device's own; 0 selects the device's own (see ServoLoop)
   bool watch_vibration = true;  ///< use ForceGuard on devices with a force limit; false only for experiments
+  double tremor = 0;            ///< answer of the feedback to the hand's tremor, see VibrationMonitorOptions [N]
   double ready_timeout = 30;    ///< longest wait for a device that is not ready, or not at rest after that [s]
   double away_timeout = 0;      ///< longest wait for a device that is away [s]; 0: it is lost at once
   MotorHeat* motors = nullptr;  ///< borrowed; from earlier sessions, and replaced at the end. Null: the motors are cold

@@ -1,12 +1,14 @@
 #include "player/calibration/calibration.h"
 
 #include "control/design/cogging_fit.h"
+#include "control/design/hand_noise.h"
 #include "control/design/identification.h"
 #include "control/design/inertia_identification.h"
 #include "player/calibration/calibration_controller.h"
 #include "player/calibration/calibration_log.h"
 #include "player/calibration/calibration_plan.h"
 #include "player/calibration/calibration_trials.h"
+#include "player/calibration/hand_listening.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -20,6 +22,8 @@ namespace {
 constexpr double kMostUnseen = 0.4;  // largest share of the force that the movement so far may leave unexplained
 constexpr double kHeavy = 1;         // mass from which the velocity is low-passed further [kg]
 constexpr const char* kGentleVelocity = "lowpass:30";
+
+constexpr double kLeastTremor = 0.15;  // that can hide a device [N]
 
 /// Returns why the session yields no design. `step`: position resolution [m], see position_quantum().
 std::string reason_of(const CalibrationController& controller, const SessionResult& session, double step) {
@@ -69,17 +73,17 @@ class CalibrationRun {
         plan_(plan_calibration(device.info(), options)) {}
 
   CalibrationResult run() {
-    CalibrationController controller(plan_);
-    CalibrationLog log(controller, rows());
-    if (measured(controller, log, options_.session)) {
-      take_model(identify(log.experiment(plan_)));
+    bool finished = measure();
+    if (hidden_by_tremor()) finished = measure_longer();
+    const Experiment experiment = log_->experiment(plan_);
+    if (finished) {
       if (result_.identification.fits) {
-        design(log.experiment(plan_));
+        design(experiment);
         return std::move(result_);
       }
       result_.doubt = result_.identification.reason;
-      take_model(identify_coarsely(log.experiment(plan_)));
-    } else if (controller.verdict() == CalibrationController::Verdict::none || !measured_again(log.whole(plan_))) {
+      take_model(identify_coarsely(experiment));
+    } else if (controller_->verdict() == CalibrationController::Verdict::none || !measured_again(log_->whole(plan_))) {
       return std::move(result_);
     }
     if (!result_.identification.fits) {
@@ -99,6 +103,58 @@ class CalibrationRun {
   [[nodiscard]] std::size_t rows() const {
     constexpr double kSpare = 20;  // for the approach to the centre and a second look [s]
     return static_cast<std::size_t>((plan_.duration + kSpare) * plan_.rate_hz);
+  }
+
+  /// Runs the session of the plan and identifies a full model. Returns true if the session came to its end.
+  bool measure() {
+    controller_.emplace(plan_);
+    log_.emplace(*controller_, rows());
+    if (!measured(*controller_, *log_, options_.session)) return false;
+    take_model(identify(log_->experiment(plan_)));
+    return true;
+  }
+
+  /// Returns true if there is no full model, but a vibration that a hand may cause was noticed, and the hand trembles
+  /// when it moves the device alone. The tremor is then known to what follows. Softened for it, the feedback hardly
+  /// moves the device, and the response to ten seconds of excitation disappears in it.
+  [[nodiscard]] bool hidden_by_tremor() {
+    const ServoReport& servo = result_.session.servo;
+    const bool ended = servo.cause == StopCause::finished || servo.cause == StopCause::deviation;
+    if (result_.identification.fits || !ended || servo.vibration.steps[static_cast<int>(VibrationRule::slow)] == 0)
+      return false;
+    const Vec3 mass = identify_coarsely(log_->whole(plan_)).plant.mass;
+    constexpr double kLightest = 0.02, kHeaviest = 3;  // [kg]
+    Vec3 likely = Vec3::Zero();
+    for (int axis = 0; axis < 3; ++axis)
+      if (mass[axis] > 0) likely[axis] = std::clamp(mass[axis], kLightest, kHeaviest);
+    const auto heard = listen_to_hand(device_, plan_, likely, options_.session, stop_, progress_);
+    if (!heard || !(heard->noise.tremor > kLeastTremor)) return false;
+    options_.session.loop.tremor = answer_to_tremor(*heard);
+    tremor_ = heard->noise;
+    return true;
+  }
+
+  /// Measures as with `full`. Returns true if the session came to its end.
+  [[nodiscard]] bool measure_longer() {
+    lengthen(plan_);
+    SessionResult before = std::move(result_.session);
+    options_.session.recording.reset();
+    const bool finished = measure();
+    take_from(std::move(before));
+    result_.session.warn(Severity::note, "tremor",
+                         fmt::format("the hand trembles with about {:.1f} N rms at {:.0f} Hz, which hid the device: "
+                                     "calibration let it move the device without force for {:.0f} s, and measured "
+                                     "again for longer",
+                                     tremor_.tremor, tremor_.tremor_hz, kListening));
+    return finished;
+  }
+
+  /// Keeps what belongs to the first session of a calibration, and the warnings of all.
+  void take_from(SessionResult before) {
+    result_.session.recording = before.recording;
+    result_.session.recording_error = std::move(before.recording_error);
+    std::vector<Warning>& warnings = result_.session.warnings;
+    warnings.insert(warnings.begin(), before.warnings.begin(), before.warnings.end());
   }
 
   /// Runs a session. Returns true if it came to its end.
@@ -158,6 +214,9 @@ class CalibrationRun {
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
     HeldDevice held = held_device(result_.identification, seen, plan_.rate_hz, plan_.device_force);
+    const HandNoiseIdentification noise = identify_hand_noise(experiment, held.model, held.position_noise);
+    held.model.noise = noise.noise;
+    held.half_width.noise = noise.half_width;
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))
@@ -180,19 +239,19 @@ class CalibrationRun {
     CalibrationController controller(plan_, seen.plant.mass);
     CalibrationLog log(controller, rows());
     const bool finished = measured(controller, log, gentle);
-    result_.session.recording = before.recording;
-    result_.session.recording_error = std::move(before.recording_error);
-    std::vector<Warning>& warnings = result_.session.warnings;
-    warnings.insert(warnings.begin(), before.warnings.begin(), before.warnings.end());
+    take_from(std::move(before));
     if (finished) take_model(identify_coarsely(log.experiment(plan_)));
     return finished;
   }
 
   Device& device_;
-  const CalibrationOptions& options_;
+  CalibrationOptions options_;
   const StopRequest& stop_;
   const Progress& progress_;
   CalibrationPlan plan_;
+  std::optional<CalibrationController> controller_;
+  std::optional<CalibrationLog> log_;
+  HandNoise tremor_;                      ///< that hid the device
   std::vector<ExperimentPlace> reached_;  ///< in the last session that came to its end
   CalibrationResult result_;
 };

@@ -134,4 +134,9 @@ CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOpti
   return plan;
 }
 
+void lengthen(CalibrationPlan& plan) {
+  plan.full = true;
+  plan.duration = planned_duration(plan);
+}
+
 }  // namespace haptrace

@@ -64,4 +64,7 @@ double farthest_place(const CalibrationPlan& plan);
 /// workspace leaves less than 3 mm to move, or the rate is too low for the excitation signal.
 CalibrationPlan plan_calibration(const DeviceInfo& device, const CalibrationOptions& options);
 
+/// Makes a plan a full one, with the same bounds.
+void lengthen(CalibrationPlan& plan);
+
 }  // namespace haptrace

@@ -550,6 +550,9 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   session_options.loop.watch_vibration &= options.guard;
   if (session_options.observer != nullptr) session_options.followed = followed_path(*plan.path);
   if (options.identified) session_options.touch.plant = options.identified->plant;
+  if (options.identified && options.identified->held)
+    session_options.loop.tremor =
+        std::max(session_options.loop.tremor, answer_to_tremor(options.identified->held->model));
   if (live != nullptr) {
     controller.obey(live->requests());
     attach(*live, device.info(), session_options, sinks);

@@ -287,6 +287,19 @@ TEST(Identification, ReportsDataThatContainNoInformation) {
   EXPECT_FALSE(noise.identified().fits);
 }
 
+TEST(Identification, BearsADeviceThatTremblesThroughItsSweepsAndHardlySlides) {
+  // More reversals, and so more cycles, than samples that slide.
+  Bench trembling = bench();
+  for (auto& axis : trembling.sweeps)
+    for (const Stretch& stretch : axis)
+      for (std::size_t k = stretch.begin; k < stretch.end; ++k) {
+        const double since = trembling.rows[k].time - trembling.rows[stretch.begin].time;
+        const double stroke = std::sin(kTwoPi * 2.5 * std::min(since, 0.2));
+        trembling.rows[k].position = Vec3::Constant(0.01 * stroke + 5e-5 * std::sin(kTwoPi * 30 * since));
+      }
+  EXPECT_FALSE(trembling.identified().fits);
+}
+
 /// Rms difference of the identified friction from the true one over directions of motion, as a fraction of the latter.
 double friction_error(const PlantModel& plant, const Bench& truth) {
   FrictionFeedforward found(plant);

@@ -1,0 +1,180 @@
+#include "control/design/hand_noise.h"
+
+#include "base/statistics.h"
+#include "control/design/nelder_mead.h"
+#include "control/design/spectrum_estimator.h"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <vector>
+
+namespace haptrace {
+namespace {
+
+using Complex = std::complex<double>;
+
+// Between what an arm does of its own accord and what only machines do.
+constexpr double kLowest = 4.5, kHighest = 24;  // [Hz]
+constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 14;
+constexpr double kClear = 10;  // evidence
+
+/// Returns the two-sided spectral density of a tremor of 1 N at `tremor_hz` [1/Hz].
+double tremor_density(double tremor_hz, double w) {
+  constexpr double kZeta = HandNoise::kTremorDamping;
+  const double natural = kTwoPi * tremor_hz;
+  return 4 * kZeta * natural * natural * natural /
+         std::norm(Complex(natural * natural - w * w, 2 * kZeta * natural * w));
+}
+
+/// One observation between the lines.
+struct Rest {
+  double w = 0;         ///< [rad/s]
+  double power = 0;     ///< |E|^2 [N^2]
+  double passes = 0;    ///< |h|^2
+  double measured = 0;  ///< part of the expected power that the noise of the positions makes [N^2]
+};
+
+/// Returns the frequencies between the lines.
+std::vector<double> frequencies_between(const Multisine& dither) {
+  std::vector<double> lines, free;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const SpectralLine& line : dither.lines(axis)) lines.push_back(line.frequency_hz);
+  const double step = 1 / dither.period();
+  for (double f = step; f < kHighest; f += 2 * step)
+    if (f > kLowest && std::ranges::none_of(lines, [&](double line) { return std::abs(line - f) < 0.5 * step; }))
+      free.push_back(f);
+  return free;
+}
+
+std::vector<Rest> rests_of(const Experiment& experiment, const HeldModel& held, double position_noise) {
+  const Multisine& dither = *experiment.dither;
+  std::vector<double> frequencies = frequencies_between(dither);
+  const std::size_t free = frequencies.size();
+  if (free == 0) return {};
+  // The lines leak into their neighbours unless they are estimated too.
+  for (int axis = 0; axis < 3; ++axis)
+    for (const SpectralLine& line : dither.lines(axis)) frequencies.push_back(line.frequency_hz);
+  SpectrumEstimator estimator(std::move(frequencies), dither.period(), experiment.rate_hz);
+  const auto add = [&](const Stretch& rows) {
+    estimator.add(experiment.rows.subspan(rows.begin, rows.end - rows.begin));
+  };
+  for (const Stretch& stretch : experiment.dithered) add(stretch);
+  for (const ExperimentPlace& place : experiment.places) add(place.dithered);
+
+  const double tick = 1 / experiment.rate_hz, of_density = 4 / dither.period();
+  std::vector<Rest> rests;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto i = static_cast<std::size_t>(axis);
+    if (!experiment.axes[i] || !(held.mass[axis] > 0)) continue;
+    for (std::size_t k = 0; k < free; ++k) {
+      const double w = estimator.windows().empty() ? 0 : estimator.windows().front()[k].w;
+      const Complex s(0, w);
+      const HeldResponse response = held_response(held.hand[i], held.link[i], s);
+      const Complex stiffness = held.mass[axis] * s * s + held.viscous[axis] * s + response.impedance;
+      const double half = 0.5 * w * tick;
+      const Complex acting = std::polar(std::sin(half) / half, -half - w * held.delay) / (1.0 + s * held.lag);
+      const double measured = of_density * std::norm(stiffness) * position_noise * position_noise * tick;
+      for (const auto& window : estimator.windows()) {
+        const Complex force = stiffness * window[k].position[axis] - acting * window[k].force[axis];
+        rests.push_back({w, std::norm(force), std::norm(response.share), measured});
+      }
+    }
+  }
+  return rests;
+}
+
+class TremorFit {
+ public:
+  TremorFit(std::vector<Rest> rests, double period) : rests_(std::move(rests)), of_density_(4 / period) {
+    for (const Rest& rest : rests_) mean_ += rest.power / static_cast<double>(rests_.size());
+  }
+
+  [[nodiscard]] HandNoiseIdentification run() const {
+    constexpr int kEvaluations = 200;
+    const double floor = std::log(std::max(mean_ / of_density_, 1e-20));
+    const auto without = minimised<1>([&](const auto& p) { return cost(0, 1, std::exp(p[0])); }, {floor}, {1}, 60);
+    Point best{};
+    double least = std::numeric_limits<double>::infinity();
+    for (const double hz : {5.0, 7.5, 10.5}) {
+      const Point found = minimised<3>([&](const Point& p) { return cost(p); },
+                                       {std::log(0.3), std::log(hz), floor - 2}, {0.7, 0.2, 1}, kEvaluations);
+      if (const double value = cost(found); value < least) {
+        least = value;
+        best = found;
+      }
+    }
+    HandNoiseIdentification result;
+    const auto n = static_cast<double>(rests_.size());
+    result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
+    if (!(result.evidence > kClear)) return result;
+    result.noise = {.drift = 0, .drift_hz = 0, .tremor = std::exp(best[0]), .tremor_hz = frequency(best)};
+    result.half_width = {.drift = 0,
+                         .drift_hz = 0,
+                         .tremor = result.noise.tremor * half_width(best, 0),
+                         .tremor_hz = result.noise.tremor_hz * half_width(best, 1)};
+    return result;
+  }
+
+ private:
+  using Point = std::array<double, 3>;  ///< logarithms of tremor [N], its frequency [Hz] and the floor c^2
+
+  static double frequency(const Point& p) { return std::clamp(std::exp(p[1]), kLeastTremorHz, kMostTremorHz); }
+
+  [[nodiscard]] double cost(const Point& p) const { return cost(std::exp(p[0]), frequency(p), std::exp(p[2])); }
+
+  /// Returns -ln of the likelihood.
+  [[nodiscard]] double cost(double tremor, double tremor_hz, double floor) const {
+    double sum = 0;
+    for (const Rest& rest : rests_) {
+      const double expected =
+          of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w) + floor) + rest.measured;
+      sum += std::log(expected) + rest.power / expected;
+    }
+    return sum;
+  }
+
+  /// Returns the half width of the 95 % confidence interval of a logarithm, the other numbers held.
+  [[nodiscard]] double half_width(const Point& best, std::size_t which) const {
+    constexpr double kStep = 0.05;
+    Point more = best, less = best;
+    more[which] += kStep;
+    less[which] -= kStep;
+    const double curvature = (cost(more) + cost(less) - 2 * cost(best)) / (kStep * kStep);
+    return curvature > 0 ? std::min(1.0, kInterval95 / std::sqrt(curvature)) : 1;
+  }
+
+  std::vector<Rest> rests_;
+  double of_density_, mean_ = 0;
+};
+
+}  // namespace
+
+HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held,
+                                            double position_noise) {
+  if (experiment.dither == nullptr) return {};
+  constexpr std::size_t kFewest = 24;
+  std::vector<Rest> rests = rests_of(experiment, held, position_noise);
+  if (rests.size() < kFewest) return {};
+  return TremorFit(std::move(rests), experiment.dither->period()).run();
+}
+
+Vec3 tremor_at_motors(const HeldModel& held) noexcept {
+  Vec3 force = Vec3::Zero();
+  if (!(held.noise.tremor > 0 && held.noise.tremor_hz > 0)) return force;
+  constexpr double kStep = 0.05, kMost = 40;  // [Hz]
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(held.mass[axis] > 0)) continue;
+    const auto i = static_cast<std::size_t>(axis);
+    double variance = 0;
+    for (double f = 0.5 * kStep; f < kMost; f += kStep) {
+      const double w = kTwoPi * f;
+      variance += 2 * kStep * tremor_density(held.noise.tremor_hz, w) *
+                  std::norm(held_response(held.hand[i], held.link[i], Complex(0, w)).share);
+    }
+    force[axis] = held.noise.tremor * std::sqrt(variance);
+  }
+  return force;
+}
+
+}  // namespace haptrace
