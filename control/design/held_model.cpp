@@ -41,6 +41,7 @@ std::array<std::optional<AxisModel>, 3> axis_models(const HeldModel& held, doubl
                  .lag = held.lag,
                  .link = held.link[i],
                  .hand = held.hand[i],
+                 .noise = held.noise,
                  .position_noise = std::max(position_noise, kLeastNoise),
                  .rate_hz = rate_hz};
   }

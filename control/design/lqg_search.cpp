@@ -20,6 +20,7 @@ constexpr EnumNames<Firmness, 3> kFirmnessNames{"firmness", {"quiet", "normal", 
 constexpr double kLater = 0.35e-3;  // [s]
 constexpr double kOtherHand = 1.6;  // factor on each of the hand's numbers
 constexpr double kUnstable = 30;
+constexpr double kModelledTremor = 0.2;  // from which a law has states for it [N]
 constexpr double kLearnedNoise = 0.15;  // noise in a learned force, of a plain law's ripple
 constexpr double kLearningGain = 0.8;   // of an error in the load that is learned from it
 constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
@@ -63,6 +64,16 @@ LqgNumbers numbers_of(const Point& point) {
           .hand_share = std::clamp(point[5], 0.02, 1.2)};
 }
 
+/// Returns the force of the hand: that of a healthy one, with the identified tremor if that is stronger.
+HandNoise noise_of(const AxisModel& identified) {
+  HandNoise noise = kHealthyHand;
+  if (identified.noise.tremor > noise.tremor) {
+    noise.tremor = identified.noise.tremor;
+    noise.tremor_hz = identified.noise.tremor_hz;
+  }
+  return noise;
+}
+
 double excess(double value, double bound) {
   return std::max(0.0, std::log(value / bound));
 }
@@ -77,7 +88,7 @@ class AxisSearch {
                                         : identified.position_noise * plain_ripple(identified.rate_hz)),
         target_(firm(options.firmness).target * plain_),
         grid_(identified.rate_hz) {
-    identified_.noise = kHealthyHand;
+    identified_.noise = noise_of(identified);
     identified_.force_noise = 0;
     nominal_ = discretised(identified_);
     const auto plant = [&](std::string name, const auto& change) {
@@ -238,7 +249,7 @@ std::optional<LqgAxis> design_lqg(const AxisModel& identified, const LqgNumbers&
   model.hand.grip_damping *= numbers.hand_share;
   model.noise.drift = numbers.drift;
   model.noise.drift_hz = numbers.drift_hz;
-  model.noise.tremor = 0;
+  if (model.noise.tremor < kModelledTremor) model.noise.tremor = 0;
   model.force_noise = numbers.force_noise;
   return design_lqg(model, numbers.ripple_weight);
 }
