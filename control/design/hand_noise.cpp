@@ -3,6 +3,7 @@
 #include "base/statistics.h"
 #include "control/design/nelder_mead.h"
 #include "control/design/spectrum_estimator.h"
+#include "control/ripple.h"
 
 #include <algorithm>
 #include <cmath>
@@ -159,20 +160,24 @@ HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const 
   return TremorFit(std::move(rests), experiment.dither->period()).run();
 }
 
-Vec3 tremor_at_motors(const HeldModel& held) noexcept {
-  Vec3 force = Vec3::Zero();
+TremorForce tremor_at_motors(const HeldModel& held) noexcept {
+  TremorForce force;
   if (!(held.noise.tremor > 0 && held.noise.tremor_hz > 0)) return force;
-  constexpr double kStep = 0.05, kMost = 40;  // [Hz]
+  constexpr double kStep = 0.05, kMost = 80;  // [Hz]
   for (int axis = 0; axis < 3; ++axis) {
     if (!(held.mass[axis] > 0)) continue;
     const auto i = static_cast<std::size_t>(axis);
-    double variance = 0;
+    double whole = 0, ripple = 0;  // variances for a tremor of 1 N
     for (double f = 0.5 * kStep; f < kMost; f += kStep) {
       const double w = kTwoPi * f;
-      variance += 2 * kStep * tremor_density(held.noise.tremor_hz, w) *
-                  std::norm(held_response(held.hand[i], held.link[i], Complex(0, w)).share);
+      const double power = 2 * kStep * tremor_density(held.noise.tremor_hz, w) *
+                           std::norm(held_response(held.hand[i], held.link[i], Complex(0, w)).share);
+      const double passes = 1 / (1 + std::pow(kRippleCutoff / f, 4));
+      whole += power;
+      ripple += power * passes * passes;
     }
-    force[axis] = held.noise.tremor * std::sqrt(variance);
+    force.whole[axis] = held.noise.tremor * std::sqrt(whole);
+    force.ripple[axis] = held.noise.tremor * std::sqrt(ripple);
   }
   return force;
 }

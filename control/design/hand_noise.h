@@ -28,8 +28,13 @@ struct HandNoiseIdentification {
 /// to window. A tremor is accepted if its evidence is clear. Not real-time: it allocates.
 HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held, double position_noise);
 
-/// Returns the force of the tremor of `held.noise` on motors that hold still, rms per axis [N]; zero where nothing is
-/// driven.
-Vec3 tremor_at_motors(const HeldModel& held) noexcept;
+/// Force of a tremor on motors that hold still, rms per axis [N]; zero where nothing is driven.
+struct TremorForce {
+  Vec3 whole = Vec3::Zero();
+  Vec3 ripple = Vec3::Zero();  ///< what a RippleModel passes
+};
+
+/// Returns the force of the tremor of `held.noise`.
+TremorForce tremor_at_motors(const HeldModel& held) noexcept;
 
 }  // namespace haptrace

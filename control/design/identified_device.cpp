@@ -2,7 +2,6 @@
 
 #include "base/enum_names.h"
 #include "base/error.h"
-#include "control/design/hand_noise.h"
 #include "control/design/tracking_design.h"
 
 #include <algorithm>
@@ -16,6 +15,11 @@ namespace {
 constexpr EnumNames<HandKnown, 3> kHandKnown{"knowledge of the hand", {"identified", "nobody", "assumed"}};
 constexpr double kClear = 10;      // evidence from which the choice of a model is clear
 constexpr double kLightest = 0.5;  // mass for which laws are designed, over that at the centre: at least
+
+/// Returns the largest ripple of a law, rms per axis [N].
+double most_ripple(double max_force) {
+  return kMostLawRipple * max_force / std::numbers::sqrt3;
+}
 
 LqgDesign design_of(const std::array<std::optional<LqgResult>, 3>& results) {
   LqgDesign design;
@@ -51,8 +55,7 @@ HandKnown parse_hand_known(std::string_view name) {
 HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
                        double max_force) {
   HeldDevice device{.margin = held.margin, .position_noise = measured_noise(identified.plant)};
-  const double most = kMostLawRipple * max_force / std::numbers::sqrt3,
-               fine = std::min(kFineRipple / std::numbers::sqrt3, most);
+  const double most = most_ripple(max_force), fine = std::min(kFineRipple / std::numbers::sqrt3, most);
   device.ripple = std::clamp(device.position_noise * plain_ripple(rate_hz), fine, most);
   if (held.held.held()) {
     device.model = held.held;
@@ -67,8 +70,17 @@ HeldDevice held_device(const Identification& identified, const HeldIdentificatio
   return device;
 }
 
+void expect_tremor(const HandNoiseIdentification& found, double max_force, HeldDevice& device) {
+  device.model.noise = found.noise;
+  device.half_width.noise = found.half_width;
+  const Vec3 ripple = tremor_at_motors(device.model).ripple;
+  const auto axes = static_cast<double>((device.model.mass.array() > 0).count());
+  const double most = most_ripple(max_force);
+  if (axes > 0) device.ripple = std::min(std::hypot(device.ripple, ripple.norm() / std::sqrt(axes)), most);
+}
+
 double answer_to_tremor(const HeldModel& held) noexcept {
-  return kMostAnswer * tremor_at_motors(held).maxCoeff();
+  return kMostAnswer * tremor_at_motors(held).whole.maxCoeff();
 }
 
 std::pair<Vec3, Vec3> HeldDevice::mass_range() const noexcept {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "base/stop_request.h"
+#include "control/design/hand_noise.h"
 #include "control/design/held_model.h"
 #include "control/design/identification.h"
 #include "control/design/lqg_search.h"
@@ -74,6 +75,9 @@ HeldDevice held_device(const Identification& identified, const HeldIdentificatio
                        double max_force);
 inline constexpr double kFineRipple = 0.15;    ///< magnitude [N]
 inline constexpr double kMostLawRipple = 0.1;  ///< magnitude, share of the largest force
+
+/// Notes the tremor that was found. Holding a device against it takes force above 25 Hz, which the laws may use too.
+void expect_tremor(const HandNoiseIdentification& found, double max_force, HeldDevice& device);
 
 /// Returns the peaks of the force with which a law may answer the tremor of the identified hand [N]: kMostAnswer times
 /// the tremor's rms at motors that hold still. In 72 playbacks under laws on random devices with a tremor of 0.5 N, the

@@ -21,8 +21,8 @@ constexpr double kLater = 0.35e-3;  // [s]
 constexpr double kOtherHand = 1.6;  // factor on each of the hand's numbers
 constexpr double kUnstable = 30;
 constexpr double kModelledTremor = 0.2;  // from which a law has states for it [N]
-constexpr double kLearnedNoise = 0.15;  // noise in a learned force, of a plain law's ripple
-constexpr double kLearningGain = 0.8;   // of an error in the load that is learned from it
+constexpr double kLearnedNoise = 0.15;   // noise in a learned force, of a plain law's ripple
+constexpr double kLearningGain = 0.8;    // of an error in the load that is learned from it
 constexpr int kFirstEvaluations = 90, kLastEvaluations = 300;
 constexpr double kSpread = 1e-4;       // of the values, below which the search has arrived
 constexpr std::size_t kStarts = 9;     // of an axis of which nothing is known

@@ -214,9 +214,7 @@ class CalibrationRun {
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
     HeldDevice held = held_device(result_.identification, seen, plan_.rate_hz, plan_.device_force);
-    const HandNoiseIdentification noise = identify_hand_noise(experiment, held.model, held.position_noise);
-    held.model.noise = noise.noise;
-    held.half_width.noise = noise.half_width;
+    expect_tremor(identify_hand_noise(experiment, held.model, held.position_noise), plan_.device_force, held);
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))

@@ -77,18 +77,29 @@ TEST(HandNoise, ATremorReachesStillMotorsThroughTheGrip) {
   HeldModel held;
   held.mass = Vec3(0.4, 0.4, 0);
   held.noise = {.drift = 0, .drift_hz = 0, .tremor = 0.5, .tremor_hz = 8};
-  const Vec3 of_the_device = tremor_at_motors(held);
+  const Vec3 of_the_device = tremor_at_motors(held).whole;
   EXPECT_NEAR(of_the_device.x(), 0.5, 0.01) << "without a hand, all of it";
   EXPECT_EQ(of_the_device.z(), 0) << "nothing is driven there";
 
   // A grip with its resonance at the tremor's frequency passes more, and one far below it less.
   held.hand.fill({.mass = 0.2, .grip_stiffness = 0.2 * std::pow(kTwoPi * 8, 2), .grip_damping = 4});
-  EXPECT_GT(tremor_at_motors(held).x(), 0.5);
+  EXPECT_GT(tremor_at_motors(held).whole.x(), 0.5);
   held.hand.fill({.mass = 0.2, .grip_stiffness = 0.2 * std::pow(kTwoPi * 2, 2), .grip_damping = 0.5});
-  EXPECT_LT(tremor_at_motors(held).x(), 0.2);
+  EXPECT_LT(tremor_at_motors(held).whole.x(), 0.2);
+
+  // What is above 25 Hz is little of a tremor of 6 Hz, and more of a faster one.
+  held.hand.fill({});
+  held.noise.tremor_hz = 6;
+  const double slow = tremor_at_motors(held).ripple.x();
+  held.noise.tremor_hz = 12;
+  const double fast = tremor_at_motors(held).ripple.x();
+  EXPECT_GT(slow, 0);
+  EXPECT_LT(slow, 0.05 * 0.5);
+  EXPECT_GT(fast, 2 * slow);
+  EXPECT_LT(fast, 0.3 * 0.5);
 
   held.noise.tremor = 0;
-  EXPECT_EQ(tremor_at_motors(held).norm(), 0);
+  EXPECT_EQ(tremor_at_motors(held).whole.norm(), 0);
 }
 
 TEST(HandNoise, TheResponseOfAHandIsThatOfItsBodies) {
