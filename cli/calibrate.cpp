@@ -111,6 +111,9 @@ std::string text_of(const HeldDevice& held) {
     text += fmt::format("  the mass varies over the workspace, from that in the middle to: {}, {}, {}\n", range(0),
                         range(1), range(2));
   }
+  if (const HandNoise& noise = held.model.noise; noise.tremor > 0)
+    text += fmt::format("    it trembles with {:.2f} +- {:.2f} N rms per axis at {:.0f} Hz\n", noise.tremor,
+                        held.half_width.noise.tremor, noise.tremor_hz);
   const auto& hand = held.model.hand;
   text += fmt::format("    mass {} kg; grip {} N/m, {} N s/m\n",
                       three([&](int i) { return hand.at(static_cast<std::size_t>(i)).mass; }),

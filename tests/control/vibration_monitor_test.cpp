@@ -116,6 +116,25 @@ TEST(VibrationMonitor, TreatsASwayThatAHandCanMakeAsAHintOnly) {
   }
 }
 
+TEST(VibrationMonitor, TakesTheAnswerToAKnownTremorForNoSwayUpToABound) {
+  const auto sways = [](double tremor, double peak, double hz) {
+    VibrationMonitor monitor({.rate_hz = 1000, .max_force = kForce, .tremor = tremor});
+    for (int k = 0; k < 3000; ++k)
+      if (const auto alarm = monitor.update(Vec3(peak * sine(hz, 1e-3 * k), 0, 0), Vec3::Zero(), 0, 1e-3)) return alarm;
+    return std::optional<VibrationAlarm>();
+  };
+  EXPECT_TRUE(sways(0, 0.4 * kForce, 9)) << "unknown";
+  EXPECT_TRUE(sways(0.3 * kForce, 0.4 * kForce, 9)) << "more than the tremor makes";
+  EXPECT_FALSE(sways(0.5 * kForce, 0.4 * kForce, 9));
+  EXPECT_TRUE(sways(10 * kForce, 0.7 * kForce, 9)) << "almost all force of the device";
+  EXPECT_TRUE(sways(0, 0.3 * kForce, 9) && sways(0.1 * kForce, 0.3 * kForce, 9)) << "a weak tremor changes nothing";
+  const auto vibrates = sways(10 * kForce, 0.5 * kForce, 30);
+  ASSERT_TRUE(vibrates) << "faster than any hand";
+  EXPECT_NE(vibrates->rule, VibrationRule::slow);
+  EXPECT_NE(test::error_of([] { VibrationMonitor({.max_force = 1, .tremor = -1}); }), "");
+  EXPECT_NE(test::error_of([] { VibrationMonitor({.max_force = 1, .tremor = kNaN}); }), "");
+}
+
 TEST(VibrationMonitor, IgnoresADeclaredTextureAndFindsStrongerVibrations) {
   const double texture = 0.5 * kForce;
   for (const double size : {0.5, 1.0, 2.0}) {

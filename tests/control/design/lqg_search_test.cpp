@@ -54,6 +54,30 @@ TEST(LqgSearch, ComesWithinHalfOfTheOptimumThatHasNoMargins) {
   EXPECT_GT(result.figures.error, optimum);
 }
 
+TEST(LqgSearch, ExpectsAnIdentifiedTremorFromAFifthOfANewton) {
+  AxisModel trembling = identified_axis();
+  trembling.noise = {.drift = 0, .drift_hz = 0, .tremor = 0.6, .tremor_hz = 9};
+  AxisModel weakly = trembling;
+  weakly.noise.tremor = 0.1;
+  const LqgSearchOptions options{.plain_ripple = 0.2};
+  const LqgResult expects = searched(trembling, options), hardly = searched(weakly, options),
+                  calm = searched(identified_axis(), options);
+  EXPECT_EQ(expects.laws.moving.model.states(), calm.laws.moving.model.states() + 2);
+  EXPECT_EQ(hardly.laws.moving.model.states(), calm.laws.moving.model.states());
+  EXPECT_EQ(expects.laws.resting.model.states(), calm.laws.resting.model.states());
+  EXPECT_LT(expects.near_sensitivity, 1.02 * kNearSensitivity);
+  EXPECT_LT(expects.far_sensitivity, 1.02 * kFarSensitivity);
+
+  AxisModel truth = trembling;
+  truth.noise.drift = kHealthyHand.drift;
+  truth.noise.drift_hz = kHealthyHand.drift_hz;
+  const auto error = [&](const LqgResult& law) {
+    return LqgLoop(law.laws.moving, discretised(truth)).figures().value().error;
+  };
+  EXPECT_NEAR(error(expects), expects.figures.error, 1e-3 * expects.figures.error) << "as it predicts";
+  EXPECT_LT(error(expects), 0.85 * error(calm));
+}
+
 TEST(LqgSearch, RestsOnTheBristlesOfFrictionAndInAHand) {
   for (const auto& [mass, delay] :
        {std::pair{0.1, 0.0}, {0.1, 1.3}, {0.1, 2.5}, {0.4, 0.0}, {0.4, 1.3}, {0.4, 2.5}, {1.0, 0.0}, {1.0, 1.3}}) {

@@ -9,6 +9,7 @@
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
 
+#include <algorithm>
 #include <cmath>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -505,6 +506,69 @@ TEST(Calibration, SaysThatATremorHidesTheDeviceAndNotThatTheAxesAreWrong) {
     if (result.succeeded()) continue;
     EXPECT_THAT(result.reason, testing::Not(HasSubstr("the driver's axes have the wrong order"))) << tremor;
   }
+}
+
+/// Counts the ticks without any force, as while a calibration listens, and remembers the largest force.
+class Heard final : public Device {
+ public:
+  explicit Heard(Device& device) : device_(device) {}
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_.info(); }
+  Status exchange(const Wrench& wrench, double dt, DeviceState& state) noexcept override {
+    silent_ = wrench.force == Vec3::Zero() ? silent_ + 1 : 0;
+    longest = std::max(longest, silent_);
+    largest = std::max(largest, wrench.force.norm());
+    return device_.exchange(wrench, dt, state);
+  }
+  void close() noexcept override { device_.close(); }
+  int longest = 0;
+  double largest = 0;
+
+ private:
+  Device& device_;
+  int silent_ = 0;
+};
+
+TEST(Calibration, FindsTheTremorOfTheHandAndTakesItForNoVibrationOfTheLoop) {
+  const EnsembleDraw draw = draw_device(1, 2, EnsembleKind::tremor_half);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.held) << result.reason;
+  const HandNoise& noise = result.held->model.noise;
+  EXPECT_GT(noise.tremor, 0.15) << "of 0.5 N that it makes between 6 and 12 Hz";
+  EXPECT_LT(noise.tremor, 0.8);
+  EXPECT_GT(noise.tremor_hz, 6);
+  EXPECT_LT(noise.tremor_hz, 13);
+  EXPECT_GT(result.held->half_width.noise.tremor, 0);
+  EXPECT_GT(answer_to_tremor(result.held->model), 0.25 * draw.spec.max_force) << "else it changed nothing";
+
+  const EnsembleDraw healthy = draw_device(1, 2, EnsembleKind::late);
+  SimDevice calm(healthy.spec, {.seed = healthy.noise_seed});
+  const CalibrationResult without = calibrated(calm, whole());
+  ASSERT_TRUE(without.held) << without.reason;
+  EXPECT_LT(without.held->model.noise.tremor, 0.1);
+  EXPECT_LT(answer_to_tremor(without.held->model), 0.25 * healthy.spec.max_force);
+}
+
+TEST(Calibration, ListensWithoutForceAndMeasuresAgainWhereATremorHidesTheDevice) {
+  const EnsembleDraw draw = draw_device(1, 3, EnsembleKind::tremor_one);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  Heard heard(device);
+  const CalibrationResult result = calibrated(heard, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_FALSE(result.identification.coarse) << result.doubt;
+  EXPECT_GE(heard.longest, 3000) << "ticks";
+  EXPECT_LE(heard.largest, draw.spec.max_force);
+  const auto told = std::ranges::find(result.session.warnings, "tremor", &Warning::code);
+  ASSERT_NE(told, result.session.warnings.end());
+  EXPECT_THAT(told->text, HasSubstr("the hand trembles with about"));
+  EXPECT_EQ(told->severity, Severity::note);
+
+  // Without a tremor there is nothing to listen to, whatever else makes a model coarse.
+  const EnsembleDraw loose = draw_device(1, 4, EnsembleKind::backlash);
+  SimDevice rattles(loose.spec, {.seed = loose.noise_seed});
+  Heard other(rattles);
+  const CalibrationResult coarse = calibrated(other, whole());
+  EXPECT_EQ(std::ranges::find(coarse.session.warnings, "tremor", &Warning::code), coarse.session.warnings.end());
 }
 
 TEST(Calibration, TakesNoForceOfAnArmThatYieldsForGravity) {
