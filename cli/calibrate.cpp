@@ -4,6 +4,7 @@
 #include "cli/read_progress.h"
 #include "player/calibration/calibration.h"
 #include "player/calibration/calibration_plan.h"
+#include "player/playback/playback.h"
 
 #include <Eigen/Geometry>
 
@@ -196,6 +197,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
     text += gains(design.plain_calm ? "PD control that it was compared with, calm"
                                     : "PD control that it was compared with, not calm",
                   design.plain.kp, design.plain.kd);
+  if (const std::string closer = stiff_text(design); !closer.empty()) text += "  " + closer + "\n";
   return text;
 }
 

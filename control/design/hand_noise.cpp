@@ -16,9 +16,9 @@ namespace {
 using Complex = std::complex<double>;
 
 // Between what an arm does of its own accord and what only machines do.
-constexpr double kLowest = 4.5, kHighest = 24;  // [Hz]
+constexpr double kLowestBetween = 4.5, kHighestBetween = 24;  // [Hz]
 constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 14;
-constexpr double kClear = 10;  // evidence
+constexpr double kClearTremor = 10;  // evidence
 
 /// Returns the two-sided spectral density of a tremor of 1 N at `tremor_hz` [1/Hz].
 double tremor_density(double tremor_hz, double w) {
@@ -29,7 +29,7 @@ double tremor_density(double tremor_hz, double w) {
 }
 
 /// One observation between the lines.
-struct Rest {
+struct Remainder {
   double w = 0;         ///< [rad/s]
   double power = 0;     ///< |E|^2 [N^2]
   double passes = 0;    ///< |h|^2
@@ -42,13 +42,13 @@ std::vector<double> frequencies_between(const Multisine& dither) {
   for (int axis = 0; axis < 3; ++axis)
     for (const SpectralLine& line : dither.lines(axis)) lines.push_back(line.frequency_hz);
   const double step = 1 / dither.period();
-  for (double f = step; f < kHighest; f += 2 * step)
-    if (f > kLowest && std::ranges::none_of(lines, [&](double line) { return std::abs(line - f) < 0.5 * step; }))
+  for (double f = step; f < kHighestBetween; f += 2 * step)
+    if (f > kLowestBetween && std::ranges::none_of(lines, [&](double line) { return std::abs(line - f) < 0.5 * step; }))
       free.push_back(f);
   return free;
 }
 
-std::vector<Rest> rests_of(const Experiment& experiment, const HeldModel& held, double position_noise) {
+std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& held, double position_noise) {
   const Multisine& dither = *experiment.dither;
   std::vector<double> frequencies = frequencies_between(dither);
   const std::size_t free = frequencies.size();
@@ -64,7 +64,7 @@ std::vector<Rest> rests_of(const Experiment& experiment, const HeldModel& held, 
   for (const ExperimentPlace& place : experiment.places) add(place.dithered);
 
   const double tick = 1 / experiment.rate_hz, of_density = 4 / dither.period();
-  std::vector<Rest> rests;
+  std::vector<Remainder> rests;
   for (int axis = 0; axis < 3; ++axis) {
     const auto i = static_cast<std::size_t>(axis);
     if (!experiment.axes[i] || !(held.mass[axis] > 0)) continue;
@@ -87,8 +87,8 @@ std::vector<Rest> rests_of(const Experiment& experiment, const HeldModel& held, 
 
 class TremorFit {
  public:
-  TremorFit(std::vector<Rest> rests, double period) : rests_(std::move(rests)), of_density_(4 / period) {
-    for (const Rest& rest : rests_) mean_ += rest.power / static_cast<double>(rests_.size());
+  TremorFit(std::vector<Remainder> rests, double period) : rests_(std::move(rests)), of_density_(4 / period) {
+    for (const Remainder& rest : rests_) mean_ += rest.power / static_cast<double>(rests_.size());
   }
 
   [[nodiscard]] HandNoiseIdentification run() const {
@@ -108,7 +108,7 @@ class TremorFit {
     HandNoiseIdentification result;
     const auto n = static_cast<double>(rests_.size());
     result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
-    if (!(result.evidence > kClear)) return result;
+    if (!(result.evidence > kClearTremor)) return result;
     result.noise = {.drift = 0, .drift_hz = 0, .tremor = std::exp(best[0]), .tremor_hz = frequency(best)};
     result.half_width = {.drift = 0,
                          .drift_hz = 0,
@@ -127,7 +127,7 @@ class TremorFit {
   /// Returns -ln of the likelihood.
   [[nodiscard]] double cost(double tremor, double tremor_hz, double floor) const {
     double sum = 0;
-    for (const Rest& rest : rests_) {
+    for (const Remainder& rest : rests_) {
       const double expected =
           of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w) + floor) + rest.measured;
       sum += std::log(expected) + rest.power / expected;
@@ -145,7 +145,7 @@ class TremorFit {
     return curvature > 0 ? std::min(1.0, kInterval95 / std::sqrt(curvature)) : 1;
   }
 
-  std::vector<Rest> rests_;
+  std::vector<Remainder> rests_;
   double of_density_, mean_ = 0;
 };
 
@@ -155,7 +155,7 @@ HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const 
                                             double position_noise) {
   if (experiment.dither == nullptr) return {};
   constexpr std::size_t kFewest = 24;
-  std::vector<Rest> rests = rests_of(experiment, held, position_noise);
+  std::vector<Remainder> rests = rests_of(experiment, held, position_noise);
   if (rests.size() < kFewest) return {};
   return TremorFit(std::move(rests), experiment.dither->period()).run();
 }

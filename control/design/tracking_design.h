@@ -31,6 +31,10 @@ struct TrackingDesign {
                       ///< if the tool crosses a count every few ticks [N]
   LawVerdict verdict{};     ///< on the law with an observer
   bool plain_calm = false;  ///< `plain` was tried and stayed calm
+  /// Error of stiff PD control over that of the law that a playback chooses, in the trials without learning, where
+  /// stiff PD control was not calm; 0: it was calm, or they were not compared.
+  double stiff_error = 0;
+  double stiff_ripple = 0;  ///< its largest force ripple at a place, rms [N]
 };
 
 /// Constraints of a design.

@@ -79,7 +79,9 @@ json json_of(const TrackingDesign& design) {
           {"authority_n", design.authority},
           {"ripple_n", design.ripple},
           {"trial", json_of(design.verdict)},
-          {"plain_calm", design.plain_calm}};
+          {"plain_calm", design.plain_calm},
+          {"stiff_error", design.stiff_error},
+          {"stiff_ripple_n", design.stiff_ripple}};
 }
 
 /// A JsonReader of which all keys are required.
@@ -199,6 +201,8 @@ TrackingDesign design_from(JsonReader reader) {
   design.ripple = required.number("ripple_n", 0, kLargest);
   if (auto trial = reader.object("trial")) design.verdict = verdict_from(*trial);
   design.plain_calm = reader.boolean("plain_calm", false);
+  design.stiff_error = reader.number("stiff_error", 0, 0, kLargest);
+  design.stiff_ripple = reader.number("stiff_ripple_n", 0, 0, kLargest);
   reader.finish();
   return design;
 }

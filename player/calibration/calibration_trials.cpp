@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -44,6 +45,26 @@ class LawTrials {
   /// A law that fails is designed again for a mass that differs more; if that fails too, the softer ones are tried.
   /// Returns early if the user or the device ends it.
   void run() {
+    judge_laws();
+    compare_with_stiff();
+  }
+
+  /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
+  /// calm, or there is no design. Returns early if the user or the device ends it.
+  void run_coarse() {
+    if (!try_plain()) return;
+    if (result_.design->verdict.refused.empty()) {
+      if (judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
+    } else if (result_.design->plain_calm) {
+      result_.reason.clear();
+    } else {
+      result_.design.reset();
+    }
+    compare_with_stiff();
+  }
+
+ private:
+  void judge_laws() {
     if (!try_plain() || !judge_firmness(Firmness::normal)) return;
     if (is_refused(Firmness::normal) && !result_.held->one_mass) {
       result_.held->one_mass = true;
@@ -60,20 +81,6 @@ class LawTrials {
     if (judge_observer()) refuse_below(kWorthwhile, "another one was refused", result_.design->verdict);
   }
 
-  /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
-  /// calm, or there is no design. Returns early if the user or the device ends it.
-  void run_coarse() {
-    if (!try_plain()) return;
-    if (result_.design->verdict.refused.empty()) {
-      if (judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
-    } else if (result_.design->plain_calm) {
-      result_.reason.clear();
-    } else {
-      result_.design.reset();
-    }
-  }
-
- private:
   static constexpr double kMostRipple = 0.04;                ///< share of the largest force
   static constexpr double kStiffMargin = 1.2;                ///< of plain PD control on the free device
   static constexpr std::array kPlainShares{1.0, 0.5, 0.25};  ///< of the stiffness of stiff PD control
@@ -128,6 +135,7 @@ class LawTrials {
       result_.design->plain_calm =
           plain_.finished() && plain_.oscillations == 0 && std::ranges::max(plain_.ripple) <= most_ripple_;
       if (result_.design->plain_calm) break;
+      if (share == 1) stiff_ = plain_;
     }
     law_.compensations = PlayOptions{}.compensations;
     return true;
@@ -149,7 +157,21 @@ class LawTrials {
                .improvement = plain_.finished() && toured.finished() ? least_improvement(toured, plain_) : 0,
                .refused = refusal_of(toured, plain_, tour_,
                                      std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple()))};
+    if (verdict.refused.empty() && !accepted_) accepted_ = toured;
     return true;
+  }
+
+  /// Notes how much closer stiff PD control was than what a playback chooses now, where it was not calm.
+  void compare_with_stiff() {
+    if (!result_.design || !stiff_ || !stiff_->finished()) return;
+    const auto passed = [](const LawVerdict& verdict) { return verdict.tried && verdict.refused.empty(); };
+    const bool any =
+        passed(result_.design->verdict) || (result_.held && (passed(result_.held->design(Firmness::normal).verdict) ||
+                                                             passed(result_.held->design(Firmness::quiet).verdict)));
+    const TourResult& chosen = any && accepted_ ? *accepted_ : plain_;
+    if (!chosen.finished()) return;
+    result_.design->stiff_error = error_ratio(*stiff_, chosen);
+    result_.design->stiff_ripple = std::ranges::max(stiff_->ripple);
   }
 
   /// Returns the rms of the force that compensates for cogging while the device moves [N].
@@ -201,7 +223,9 @@ class LawTrials {
   WorkspaceTour tour_;
   double most_ripple_;  ///< [N]
   PlayOptions law_;
-  TourResult plain_;  ///< of plain PD control
+  TourResult plain_;                    ///< of plain PD control
+  std::optional<TourResult> stiff_;     ///< of stiff PD control, if it was not calm
+  std::optional<TourResult> accepted_;  ///< of the first law that passed
 };
 
 }  // namespace

@@ -7,9 +7,9 @@
 namespace haptrace {
 namespace {
 
-class Rows final : public SampleSink {
+class ListenedRows final : public SampleSink {
  public:
-  explicit Rows(double rate_hz) { rows_.reserve(static_cast<std::size_t>((kListening + 1) * rate_hz)); }
+  explicit ListenedRows(double rate_hz) { rows_.reserve(static_cast<std::size_t>((kListening + 1) * rate_hz)); }
 
   using SampleSink::push;
   void push(const Sample& sample) noexcept override {
@@ -30,7 +30,7 @@ std::optional<HeldModel> listen_to_hand(Device& device, const CalibrationPlan& p
                                         const Progress& progress) {
   PassiveController passive;
   TimedController timed(passive, kListening);
-  Rows rows(plan.rate_hz);
+  ListenedRows rows(plan.rate_hz);
   SampleSink* const sinks[] = {&rows};
   SessionOptions quiet = session;
   quiet.recording.reset();

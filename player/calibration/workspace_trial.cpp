@@ -151,10 +151,19 @@ double least_improvement(const TourResult& law, const TourResult& plain) noexcep
   return std::isfinite(least) ? least : 0;
 }
 
+double error_ratio(const TourResult& law, const TourResult& plain) noexcept {
+  double own = 0, other = 0;  // sums of squares
+  for (std::size_t i = 0; i < law.rms_error.size(); ++i) {
+    if (!force_sufficed(law, plain, i)) continue;
+    own += law.rms_error[i] * law.rms_error[i];
+    other += plain.rms_error[i] * plain.rms_error[i];
+  }
+  return other > 0 ? std::sqrt(own / other) : 0;
+}
+
 std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple) {
   if (!law.finished()) return "it ended early: " + law.session.servo.detail;
   if (law.oscillations > 0) return "it oscillates";
-  double own = 0, other = 0;  // sums of squares over the places where the force sufficed
   for (std::size_t i = 0; i < law.rms_error.size(); ++i) {
     const double away = 1e3 * (tour.places[i] - tour.places.front()).norm();  // [mm]
     if (std::isnan(law.ripple[i])) return fmt::format("it did not reach the place {:.0f} mm from the centre", away);
@@ -164,11 +173,9 @@ std::string refusal_of(const TourResult& law, const TourResult& plain, const Wor
     if (!(law.rms_error[i] <= kMostWorse * plain.rms_error[i]))
       return fmt::format("its error is {:.3f} mm {:.0f} mm from the centre, and that of plain PD control {:.3f} mm",
                          1e3 * law.rms_error[i], away, 1e3 * plain.rms_error[i]);
-    own += law.rms_error[i] * law.rms_error[i];
-    other += plain.rms_error[i] * plain.rms_error[i];
   }
-  if (own > other)
-    return fmt::format("its error is {:.2f} times that of plain PD control over the workspace", std::sqrt(own / other));
+  if (const double ratio = plain.finished() ? error_ratio(law, plain) : 0; ratio > 1)
+    return fmt::format("its error is {:.2f} times that of plain PD control over the workspace", ratio);
   return "";
 }
 

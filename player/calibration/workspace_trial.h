@@ -38,6 +38,10 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
 /// those where the force sufficed; 0 if it sufficed nowhere.
 double least_improvement(const TourResult& law, const TourResult& plain) noexcept;
 
+/// Returns the rms error of `law` over that of `plain`, over all places where the force sufficed; 0 if it sufficed
+/// nowhere.
+double error_ratio(const TourResult& law, const TourResult& plain) noexcept;
+
 /// Returns why a law must not be used on a device that followed the same tour under plain PD control; empty if it may:
 /// it finished without an oscillation, its error over all places was smaller, and at no place was it larger
 /// than 1.3 times that of PD control. Places where either was at the limit of the force do not count. `max_ripple`

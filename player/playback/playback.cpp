@@ -299,6 +299,19 @@ std::string refusal_text(const std::string& law, const LawVerdict& verdict) {
                      verdict.refused);
 }
 
+}  // namespace
+
+std::string stiff_text(const TrackingDesign& design) {
+  if (!(design.stiff_error > 0 && design.stiff_error < 1)) return {};
+  const PdGains stiff = stiff_gains();
+  return fmt::format(
+      "in the trials of the calibration, before any learning, stiff PD control (--kp {:.0f} --kd {:.0f}) was {:.1f} "
+      "times closer than the law that playbacks choose, but its force vibrated with {:.2f} N rms",
+      stiff.kp.x(), stiff.kd.x(), 1 / design.stiff_error, design.stiff_ripple);
+}
+
+namespace {
+
 /// Chooses among the laws of a device's profile: what the options ask for, or the first that was not refused.
 ChosenLaw chosen_law(const PlayOptions& options) {
   const auto& held = options.identified->held;
@@ -315,6 +328,8 @@ ChosenLaw chosen_law(const PlayOptions& options) {
     if (!verdict.refused.empty()) chosen.notes.push_back(refusal_text(lqg ? name_of(firmness) : kObserver, verdict));
     return chosen;
   }
+  if (const std::string closer = stiff_text(options.identified->design); !closer.empty())
+    chosen.notes.push_back(closer);
   bool vibrated = false;
   if (held) {
     for (const Firmness firmness : {Firmness::normal, Firmness::quiet}) {

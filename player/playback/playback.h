@@ -115,6 +115,10 @@ struct PlayResult {
 /// Returns the path of a playback, for a view. Throws what PathSource::read throws.
 FollowedPath followed_path(const TrajectoryPieces& pieces);
 
+/// Returns a sentence that says how much closer stiff PD control was in the trials of a calibration than the law that
+/// playbacks choose; empty if it was not.
+std::string stiff_text(const TrackingDesign& design);
+
 /// Plays `plan` on `device`. A thread of the session reads the path meanwhile.
 PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options, const StopRequest& stop,
                 const Progress& progress = {});

@@ -41,6 +41,8 @@ DeviceProfile example() {
   profile.design.observer_hz = 40;
   profile.design.verdict = {true, 2, "its error is large", "2026-01-31T12:00:00Z"};
   profile.design.plain_calm = true;
+  profile.design.stiff_error = 0.6;
+  profile.design.stiff_ripple = 0.8;
   return profile;
 }
 
@@ -212,10 +214,14 @@ TEST_F(DeviceProfiles, KeepWhatTheTrialOfTheLawWithAnObserverFound) {
   EXPECT_EQ(read.verdict.refused, "its error is large");
   EXPECT_EQ(read.verdict.since, "2026-01-31T12:00:00Z");
   EXPECT_TRUE(read.plain_calm);
+  EXPECT_EQ(read.stiff_error, 0.6);
+  EXPECT_EQ(read.stiff_ripple, 0.8);
 
   nlohmann::json older = to_json(example());
   older["design"].erase("trial");
   older["design"].erase("plain_calm");
+  older["design"].erase("stiff_error");
+  older["design"].erase("stiff_ripple_n");
   EXPECT_FALSE(profile_from_json(older, "p").design.verdict.tried);
   EXPECT_FALSE(profile_from_json(older, "p").design.plain_calm);
 
@@ -378,7 +384,7 @@ TEST(ProfileFromJson, NamesAKeyThatIsMissingUnknownOrWrong) {
   for (const char* part : {"device", "plant", "half_width", "design"}) {
     const json inner = to_json(example())[part];
     for (const auto& [key, value] : inner.items()) {
-      if (key != "trial" && key != "plain_calm")  // older profiles have none
+      if (key != "trial" && key != "plain_calm" && key != "stiff_error" && key != "stiff_ripple_n")  // older profiles have none
         refused([&, &key = key](json& object) { object[part].erase(key); }, "'" + key + "' is missing");
       refused([&, &key = key](json& object) { object[part][key] = nullptr; }, key);
     }

@@ -266,6 +266,10 @@ TEST(Calibration, ComparesTheLawForACoarseModelWithPlainPdControlToo) {
   EXPECT_TRUE(result.design->verdict.tried);
   EXPECT_NE(result.design->verdict.refused, "") << "it passes the circle in the middle, and oscillates elsewhere";
   EXPECT_TRUE(result.design->plain_calm);
+  EXPECT_LT(result.design->plain.kp.x(), stiff_gains().kp.x());
+  EXPECT_GT(result.design->stiff_error, 0);
+  EXPECT_LT(result.design->stiff_error, 1) << "stiff PD control vibrates here, but goes where it shall";
+  EXPECT_GT(result.design->stiff_ripple, 0.2);
 
   CalibrationOptions in_the_middle = whole();
   in_the_middle.places = false;

@@ -182,6 +182,20 @@ TEST(PlayPlan, TakesPlainControlIfTheTrialRefusedTheLawForACoarseModel) {
   EXPECT_TRUE(planned().composed.observer) << "what was asked for";
 }
 
+TEST(PlayPlan, SaysBeforeAPlaybackThatStiffPdControlWasCloserInTheTrials) {
+  PlayOptions options = with_laws();
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  TrackingDesign& design = options.identified->design;
+  design.stiff_ripple = 0.8;
+  design.stiff_error = 1.4;
+  EXPECT_THAT(planned().notes, testing::IsEmpty()) << "it was not closer";
+  design.stiff_error = 0.5;
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("was 2.0 times closer than the law that playbacks choose, but its "
+                                                     "force vibrated with 0.80 N rms")));
+  options.law = TrackingLaw::observer;
+  EXPECT_THAT(planned().notes, testing::IsEmpty()) << "nobody asked for a choice";
+}
+
 /// A playback of the LQG law that was softened as often as `energy` says.
 PlayResult softened(const PlayOptions& options, int energy) {
   PlayResult result{.session = {}, .plan = plan_playback(info(), small_circle(), options), .repetitions = {}};
