@@ -8,6 +8,9 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <limits>
+#include <numbers>
+#include <utility>
 #include <vector>
 
 namespace haptrace {
@@ -17,7 +20,8 @@ using Complex = std::complex<double>;
 
 // Between what an arm does of its own accord and what only machines do.
 constexpr double kLowestBetween = 4.5, kHighestBetween = 24;  // [Hz]
-constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 14;
+constexpr double kHighestMovement = 4.1;                      // of the harmonics of the movement but for friction [Hz]
+constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 17;
 constexpr double kClearTremor = 10;  // evidence
 
 /// Returns the two-sided spectral density of a tremor of 1 N at `tremor_hz` [1/Hz].
@@ -30,10 +34,10 @@ double tremor_density(double tremor_hz, double w) {
 
 /// One observation between the lines.
 struct Remainder {
-  double w = 0;         ///< [rad/s]
-  double power = 0;     ///< |E|^2 [N^2]
-  double passes = 0;    ///< |h|^2
-  double measured = 0;  ///< part of the expected power that the noise of the positions makes [N^2]
+  double w = 0;       ///< [rad/s]
+  double power = 0;   ///< |E|^2 [N^2]
+  double passes = 0;  ///< |h|^2
+  double known = 0;   ///< part of the expected power that the noise of the positions and friction make [N^2]
 };
 
 /// Returns the frequencies between the lines.
@@ -42,13 +46,13 @@ std::vector<double> frequencies_between(const Multisine& dither) {
   for (int axis = 0; axis < 3; ++axis)
     for (const SpectralLine& line : dither.lines(axis)) lines.push_back(line.frequency_hz);
   const double step = 1 / dither.period();
-  for (double f = step; f < kHighestBetween; f += 2 * step)
+  for (double f = step; f < kHighestBetween; f += step)
     if (f > kLowestBetween && std::ranges::none_of(lines, [&](double line) { return std::abs(line - f) < 0.5 * step; }))
       free.push_back(f);
   return free;
 }
 
-std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& held, double position_noise) {
+std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& held, const PlantModel& plant) {
   const Multisine& dither = *experiment.dither;
   std::vector<double> frequencies = frequencies_between(dither);
   const std::size_t free = frequencies.size();
@@ -56,7 +60,7 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
   // The lines leak into their neighbours unless they are estimated too.
   for (int axis = 0; axis < 3; ++axis)
     for (const SpectralLine& line : dither.lines(axis)) frequencies.push_back(line.frequency_hz);
-  SpectrumEstimator estimator(std::move(frequencies), dither.period(), experiment.rate_hz);
+  SpectrumEstimator estimator(std::move(frequencies), dither.period(), experiment.rate_hz, kHighestMovement);
   const auto add = [&](const Stretch& rows) {
     estimator.add(experiment.rows.subspan(rows.begin, rows.end - rows.begin));
   };
@@ -75,10 +79,13 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
       const Complex stiffness = held.mass[axis] * s * s + held.viscous[axis] * s + response.impedance;
       const double half = 0.5 * w * tick;
       const Complex acting = std::polar(std::sin(half) / half, -half - w * held.delay) / (1.0 + s * held.lag);
-      const double measured = of_density * std::norm(stiffness) * position_noise * position_noise * tick;
+      const double noise = measured_noise(plant), harmonic = 0.5 * w / kTwoPi * dither.period();
+      double known = of_density * std::norm(stiffness) * noise * noise * tick;
+      if (std::abs(harmonic - std::round(harmonic)) < 0.25)
+        known += std::pow(4 / std::numbers::pi * plant.coulomb.maxCoeff() / harmonic, 2);
       for (const auto& window : estimator.windows()) {
         const Complex force = stiffness * window[k].position[axis] - acting * window[k].force[axis];
-        rests.push_back({w, std::norm(force), std::norm(response.share), measured});
+        rests.push_back({w, std::norm(force), std::norm(response.share), known});
       }
     }
   }
@@ -129,7 +136,7 @@ class TremorFit {
     double sum = 0;
     for (const Remainder& rest : rests_) {
       const double expected =
-          of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w) + floor) + rest.measured;
+          of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w) + floor) + rest.known;
       sum += std::log(expected) + rest.power / expected;
     }
     return sum;
@@ -152,10 +159,10 @@ class TremorFit {
 }  // namespace
 
 HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held,
-                                            double position_noise) {
+                                            const PlantModel& plant) {
   if (experiment.dither == nullptr) return {};
   constexpr std::size_t kFewest = 24;
-  std::vector<Remainder> rests = rests_of(experiment, held, position_noise);
+  std::vector<Remainder> rests = rests_of(experiment, held, plant);
   if (rests.size() < kFewest) return {};
   return TremorFit(std::move(rests), experiment.dither->period()).run();
 }

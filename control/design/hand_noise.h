@@ -13,9 +13,8 @@ struct HandNoiseIdentification {
 
 /// Finds the tremor of the hand in an experiment with an excitation signal, for the device and hand of `held`.
 ///
-/// Between the lines of the excitation signal, and of the movement under it, a device moves only by forces of others.
-/// At those frequencies f from 4.5 to 24 Hz, in every window at the centre and at the places, the force that motors at
-/// rest would meet is
+/// Between the lines of the excitation signal, a device moves only by forces of others. At those frequencies f from 4.5
+/// to 24 Hz, in every window at the centre and at the places, the force that motors at rest would meet is
 ///
 ///     E = (m s^2 + b s + z) X - e^{-s delay} hold(s) / (1 + s lag) U,   s = j 2 pi f
 ///
@@ -24,9 +23,11 @@ struct HandNoiseIdentification {
 ///
 ///     4 / period (|h|^2 S_t + c^2 + |m s^2 + b s + z|^2 S_y),   S_t = 4 zeta w^3 tremor^2 / |w^2 + 2 zeta w s + s^2|^2
 ///
-/// S_y: the noise of the positions, of standard deviation `position_noise` [m]. c^2 takes what else differs from window
-/// to window. A tremor is accepted if its evidence is clear. Not real-time: it allocates.
-HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held, double position_noise);
+/// S_y: the noise of the positions of `plant`. c^2 takes what else differs from window to window. At the harmonics of
+/// the movement under the excitation, the friction of the plant adds the square of 4 F_c / (pi n) for harmonic n. A
+/// tremor is accepted if its evidence is clear. Not real-time: it allocates.
+HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held,
+                                            const PlantModel& plant);
 
 /// Force of a tremor on motors that hold still, rms per axis [N]; zero where nothing is driven.
 struct TremorForce {

@@ -13,13 +13,12 @@ using Complex = std::complex<double>;
 using Eigen::MatrixXd;
 
 constexpr int kTrend = 4;           // number of powers of time that model the trend
-constexpr double kSlowest = 40;     // highest harmonic of the slow movement in the basis [Hz]
 constexpr double kCoverage = 0.95;  // required fraction of samples in a window
 
 }  // namespace
 
-SpectrumEstimator::SpectrumEstimator(std::vector<double> frequencies, double period, double rate_hz)
-    : frequencies_(std::move(frequencies)), period_(period), rate_hz_(rate_hz) {}
+SpectrumEstimator::SpectrumEstimator(std::vector<double> frequencies, double period, double rate_hz, double movement_hz)
+    : frequencies_(std::move(frequencies)), period_(period), rate_hz_(rate_hz), movement_hz_(movement_hz) {}
 
 void SpectrumEstimator::add(std::span<const TickRow> rows) {
   for (std::size_t begin = 0; begin < rows.size();) {
@@ -32,7 +31,7 @@ void SpectrumEstimator::add(std::span<const TickRow> rows) {
 
 void SpectrumEstimator::add_window(std::span<const TickRow> rows) {
   if (static_cast<double>(rows.size()) < kCoverage * period_ * rate_hz_) return;
-  const auto harmonics = static_cast<int>(kSlowest * period_ / 2);
+  const auto harmonics = static_cast<int>(movement_hz_ * period_ / 2);
   const auto n = static_cast<Eigen::Index>(rows.size());
   const auto lines = static_cast<Eigen::Index>(frequencies_.size());
   const Eigen::Index first_line = kTrend + 2 * harmonics;

@@ -12,9 +12,9 @@ namespace haptrace {
 /// period, by least squares instead of correlation, so that missed ticks do no harm.
 class SpectrumEstimator {
  public:
-  /// `frequencies` [Hz] are multiples of 1 / `period` and, since the movement takes the even ones up to 40 Hz, odd ones
-  /// there; `period` [s].
-  SpectrumEstimator(std::vector<double> frequencies, double period, double rate_hz);
+  /// `frequencies` [Hz] are multiples of 1 / `period` [s] and, since the movement takes the even ones up to
+  /// `movement_hz`, odd ones there.
+  SpectrumEstimator(std::vector<double> frequencies, double period, double rate_hz, double movement_hz = 40);
 
   /// Adds the whole windows in `rows`. Leaves out those that lack more than a twentieth of their ticks.
   void add(std::span<const TickRow> rows);
@@ -29,7 +29,7 @@ class SpectrumEstimator {
   void add_window(std::span<const TickRow> rows);
 
   std::vector<double> frequencies_;
-  double period_, rate_hz_;
+  double period_, rate_hz_, movement_hz_;
   std::vector<std::vector<LineResponse>> windows_;
   double residual_ = 0, samples_ = 0;
 };

@@ -35,6 +35,9 @@ struct TrackingDesign {
   /// stiff PD control was not calm; 0: it was calm, or they were not compared.
   double stiff_error = 0;
   double stiff_ripple = 0;  ///< its largest force ripple at a place, rms [N]
+  /// In a trial, plain PD control was less accurate with the model's feedforward than without it.
+  bool plain_bare = false;
+  double tremor = 0;  ///< peaks of the answer to the hand's tremor that calibration heard; 0: none (ServoOptions) [N]
 };
 
 /// Constraints of a design.

@@ -81,7 +81,9 @@ json json_of(const TrackingDesign& design) {
           {"trial", json_of(design.verdict)},
           {"plain_calm", design.plain_calm},
           {"stiff_error", design.stiff_error},
-          {"stiff_ripple_n", design.stiff_ripple}};
+          {"stiff_ripple_n", design.stiff_ripple},
+          {"plain_bare", design.plain_bare},
+          {"tremor_answer_n", design.tremor}};
 }
 
 /// A JsonReader of which all keys are required.
@@ -203,6 +205,8 @@ TrackingDesign design_from(JsonReader reader) {
   design.plain_calm = reader.boolean("plain_calm", false);
   design.stiff_error = reader.number("stiff_error", 0, 0, kLargest);
   design.stiff_ripple = reader.number("stiff_ripple_n", 0, 0, kLargest);
+  design.plain_bare = reader.boolean("plain_bare", false);
+  design.tremor = reader.number("tremor_answer_n", 0, 0, kLargest);
   reader.finish();
   return design;
 }
@@ -248,6 +252,8 @@ json json_of(HeldModel held) {
 }
 
 HeldModel held_from(JsonReader reader) {
+  constexpr double kStrongestTremor = 10;                    // [N]
+  constexpr double kSlowestTremor = 1, kFastestTremor = 20;  // [Hz]
   Required required(reader);
   HeldModel held;
   held.delay = required.number("delay_s", 0, 1);
@@ -256,8 +262,11 @@ HeldModel held_from(JsonReader reader) {
   Required of_noise(noise);
   held.noise = {.drift = of_noise.number("drift_n", 0, kLargest),
                 .drift_hz = of_noise.number("drift_hz", 0, kLargest),
-                .tremor = of_noise.number("tremor_n", 0, kLargest),
-                .tremor_hz = of_noise.number("tremor_hz", 0, kLargest)};
+                .tremor = of_noise.number("tremor_n", 0, kStrongestTremor),
+                .tremor_hz = of_noise.number("tremor_hz", 0, kFastestTremor)};
+  if (held.noise.tremor > 0 && !(held.noise.tremor_hz >= kSlowestTremor))
+    throw input_error(fmt::format("{}: tremor_hz is {}; with a tremor it must be from {} to {} Hz", noise.where(),
+                                  held.noise.tremor_hz, kSlowestTremor, kFastestTremor));
   noise.finish();
   for (const char* body : {"device", "link", "hand"}) {
     JsonReader object = required.object(body);

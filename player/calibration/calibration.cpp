@@ -75,6 +75,8 @@ class CalibrationRun {
   CalibrationResult run() {
     bool finished = measure();
     if (hidden_by_tremor()) finished = measure_longer();
+    const StopCause cause = result_.session.servo.cause;
+    if (cause == StopCause::interrupted || cause == StopCause::device_lost) return std::move(result_);
     const Experiment experiment = log_->experiment(plan_);
     if (finished) {
       if (result_.identification.fits) {
@@ -91,6 +93,7 @@ class CalibrationRun {
       return std::move(result_);
     }
     try_designs(device_, plan_, options_.session, stop_, progress_, result_);
+    if (result_.design) result_.design->tremor = options_.session.loop.tremor;
     if (result_.design && options_.places)
       try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
     else if (!result_.reason.empty())
@@ -127,26 +130,41 @@ class CalibrationRun {
     Vec3 likely = Vec3::Zero();
     for (int axis = 0; axis < 3; ++axis)
       if (mass[axis] > 0) likely[axis] = std::clamp(mass[axis], kLightest, kHeaviest);
-    const auto heard = listen_to_hand(device_, plan_, likely, options_.session, stop_, progress_);
-    if (!heard || !(heard->noise.tremor > kLeastTremor)) return false;
-    options_.session.loop.tremor = answer_to_tremor(*heard);
-    tremor_ = heard->noise;
+    tell(
+        fmt::format("something sways, the hand or the loop: no force for {:.0f} s, to listen to the hand", kListening));
+    const Listened heard = listen_to_hand(device_, plan_, likely, options_.session, stop_, progress_);
+    if (heard.ended == StopCause::interrupted || heard.ended == StopCause::device_lost) {
+      end_early(heard.ended, "the calibration ended while it listened to the hand", result_);
+      return false;
+    }
+    if (!(heard.held.noise.tremor > kLeastTremor)) return false;
+    options_.session.loop.tremor = answer_to_tremor(heard.held);
+    tremor_ = heard.held.noise;
     return true;
   }
 
   /// Measures as with `full`. Returns true if the session came to its end.
   [[nodiscard]] bool measure_longer() {
     lengthen(plan_);
+    tell(fmt::format("the hand trembles: measuring again, for about {:.0f} s", plan_.duration));
     SessionResult before = std::move(result_.session);
     options_.session.recording.reset();
     const bool finished = measure();
     take_from(std::move(before));
-    result_.session.warn(Severity::note, "tremor",
-                         fmt::format("the hand trembles with about {:.1f} N rms at {:.0f} Hz, which hid the device: "
-                                     "calibration let it move the device without force for {:.0f} s, and measured "
-                                     "again for longer",
-                                     tremor_.tremor, tremor_.tremor_hz, kListening));
+    result_.session.warn(
+        Severity::warning, "tremor",
+        fmt::format("the hand trembles with about {:.1f} N rms at {:.0f} Hz, which hid the device: the calibration let "
+                    "it move the device without force for {:.0f} s, and {} a longer measurement, which is not recorded",
+                    tremor_.tremor, tremor_.tremor_hz, kListening, finished ? "then made" : "then began"));
     return finished;
+  }
+
+  /// Shows a remark at once.
+  void tell(std::string text) const {
+    if (!progress_) return;
+    SessionView view;
+    view.warnings.push_back({Severity::note, "calibration", kNaN, std::move(text)});
+    progress_(view);
   }
 
   /// Keeps what belongs to the first session of a calibration, and the warnings of all.
@@ -214,7 +232,7 @@ class CalibrationRun {
         design_tracking(result_.identification.plant, {.rate_hz = plan_.rate_hz, .max_force = plan_.device_force});
     if (!options_.laws) return;
     HeldDevice held = held_device(result_.identification, seen, plan_.rate_hz, plan_.device_force);
-    expect_tremor(identify_hand_noise(experiment, held.model, held.position_noise), plan_.device_force, held);
+    expect_tremor(identify_hand_noise(experiment, held.model, result_.identification.plant), plan_.device_force, held);
     held.inertia = identify_inertia(experiment, result_.identification);
     held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     if (!design_laws(held, plan_.rate_hz, stop_, options_.searching))

@@ -46,7 +46,7 @@ class LawTrials {
   /// Returns early if the user or the device ends it.
   void run() {
     judge_laws();
-    compare_with_stiff();
+    compare();
   }
 
   /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
@@ -60,7 +60,7 @@ class LawTrials {
     } else {
       result_.design.reset();
     }
-    compare_with_stiff();
+    compare();
   }
 
  private:
@@ -144,6 +144,9 @@ class LawTrials {
   /// Returns the identified device as it is where its mass is smallest.
   [[nodiscard]] PlantModel lightest() const {
     PlantModel plant = result_.identification.plant;
+    // To a coarse model, friction and backlash look like a delay.
+    constexpr double kMostDelay = 5e-3;  // [s]
+    if (result_.identification.coarse) plant.delay = std::min(plant.delay, kMostDelay);
     if (result_.held && result_.held->inertia)
       plant.mass = plant.mass.cwiseProduct(result_.held->inertia->range().first);
     return plant;
@@ -161,16 +164,23 @@ class LawTrials {
     return true;
   }
 
-  /// Notes how much closer stiff PD control was than what a playback chooses now, where it was not calm.
-  void compare_with_stiff() {
-    if (!result_.design || !stiff_ || !stiff_->finished()) return;
+  /// Compares what a playback chooses now with plain PD control: if it is that, with the feedforward of the model,
+  /// which may be a bad one, and if stiff PD control was not calm, with that. Returns early if the user or the device
+  /// ends it.
+  void compare() {
+    if (!result_.design || !plain_.finished()) return;
     const auto passed = [](const LawVerdict& verdict) { return verdict.tried && verdict.refused.empty(); };
     const bool any =
         passed(result_.design->verdict) || (result_.held && (passed(result_.held->design(Firmness::normal).verdict) ||
                                                              passed(result_.held->design(Firmness::quiet).verdict)));
-    const TourResult& chosen = any && accepted_ ? *accepted_ : plain_;
-    if (!chosen.finished()) return;
-    result_.design->stiff_error = error_ratio(*stiff_, chosen);
+    if (!any && result_.design->plain_calm) {
+      law_.compensations.observer = false;
+      const TourResult fed = tried();
+      if (ended(fed)) return;
+      result_.design->plain_bare = !fed.finished() || error_ratio(fed, plain_) > 1;
+    }
+    if (!stiff_ || !stiff_->finished()) return;
+    result_.design->stiff_error = error_ratio(*stiff_, any && accepted_ ? *accepted_ : plain_);
     result_.design->stiff_ripple = std::ranges::max(stiff_->ripple);
   }
 

@@ -25,18 +25,17 @@ class ListenedRows final : public SampleSink {
 
 }  // namespace
 
-std::optional<HeldModel> listen_to_hand(Device& device, const CalibrationPlan& plan, const Vec3& mass,
-                                        const SessionOptions& session, const StopRequest& stop,
-                                        const Progress& progress) {
+Listened listen_to_hand(Device& device, const CalibrationPlan& plan, const Vec3& mass, const SessionOptions& session,
+                        const StopRequest& stop, const Progress& progress) {
   PassiveController passive;
   TimedController timed(passive, kListening);
   ListenedRows rows(plan.rate_hz);
   SampleSink* const sinks[] = {&rows};
   SessionOptions quiet = session;
   quiet.recording.reset();
-  if (run_session(device, timed, {}, sinks, quiet, stop, progress).servo.cause != StopCause::finished)
-    return std::nullopt;
-  HeldModel held = held_model({.mass = mass}, kRelaxedHand);
+  Listened result{.held = held_model({.mass = mass}, kRelaxedHand)};
+  result.ended = run_session(device, timed, {}, sinks, quiet, stop, progress).servo.cause;
+  if (result.ended != StopCause::finished) return result;
   // Whole windows between the multiples of the signal's period, though the signal is silent.
   const Experiment experiment{.rows = rows.rows(),
                               .rate_hz = plan.rate_hz,
@@ -47,10 +46,9 @@ std::optional<HeldModel> listen_to_hand(Device& device, const CalibrationPlan& p
                               .places = {},
                               .sweeps = {},
                               .pulsed = {}};
-  held.noise =
-      identify_hand_noise(experiment, held, measured_noise({.position_resolution = position_quantum(rows.rows())}))
-          .noise;
-  return held;
+  const PlantModel rigid{.mass = mass, .position_resolution = position_quantum(rows.rows())};
+  result.held.noise = identify_hand_noise(experiment, result.held, rigid).noise;
+  return result;
 }
 
 }  // namespace haptrace

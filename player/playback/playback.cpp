@@ -186,6 +186,12 @@ std::optional<PdGains> stand_in_for(const PdGains& own, const PlayOptions& optio
   return plain;
 }
 
+/// Returns true if plain PD control was chosen for the device, which was less accurate with the model's feedforward.
+bool goes_bare(const Compensations& composed, const PlayOptions& options) {
+  return !composed.observer && options.compensations.observer && !options.gains && !options.impedance &&
+         options.identified->design.plain_bare;
+}
+
 std::unique_ptr<ForceTerm> with_stand_in(std::unique_ptr<ForceTerm> law, const PdGains& own, const PlayPlan& plan) {
   if (!plan.stand_in) return law;
   return std::make_unique<StandInLaw>(std::move(law), own, *plan.stand_in);
@@ -206,11 +212,13 @@ ForceTerms compose(const DeviceInfo& device, const PlayPlan& plan, const PlayOpt
   }
   if (with.learning) {
     const bool from_before = !options.learned.force.empty();
-    auto term = std::make_unique<LearningTerm>(
-        LearningTerm::Options{.law = learning_of(plan, options),
-                              .known = from_before ? options.learned : load_along(plan, options),
-                              .known_counts = from_before ? 1 : 0,
-                              .repetitions = options.learn});
+    auto term = std::make_unique<LearningTerm>(LearningTerm::Options{.law = learning_of(plan, options),
+                                                                     .known = from_before ? options.learned
+                                                                              : goes_bare(with, options)
+                                                                                  ? ForceTable{}
+                                                                                  : load_along(plan, options),
+                                                                     .known_counts = from_before ? 1 : 0,
+                                                                     .repetitions = options.learn});
     learning = term.get();
     terms.push_back(std::move(term));
   }
@@ -428,6 +436,12 @@ PlannedLaw planned_law(const DeviceInfo& device, const PlayOptions& options) {
   planned.notes = std::move(law.notes);
   composed.observer = composed.observer && law.observer;
   if (!composed.observer) planned.tuning.gains = options.identified->design.plain;
+  if (goes_bare(composed, options)) {
+    planned.notes.emplace_back(
+        "in the trial, plain PD control was less accurate with the feedforward of the model: it goes without");
+    composed.gravity = composed.friction = composed.cogging = false;
+    composed.inertia = composed.inertia && composed.learning;  // which learns the load beside it
+  }
   if (law.lqg) {
     planned.lqg = lqg_laws(*options.identified->held, *law.lqg, options.session.loop.rate_hz);
     planned.firmness = *law.lqg;
@@ -565,9 +579,12 @@ PlayResult play(Device& device, const PlayPlan& plan, const PlayOptions& options
   session_options.loop.watch_vibration &= options.guard;
   if (session_options.observer != nullptr) session_options.followed = followed_path(*plan.path);
   if (options.identified) session_options.touch.plant = options.identified->plant;
-  if (options.identified && options.identified->held)
-    session_options.loop.tremor =
-        std::max(session_options.loop.tremor, answer_to_tremor(options.identified->held->model));
+  // Not for gains that nothing has tried.
+  if (options.identified && !options.gains && !options.impedance) {
+    double& tremor = session_options.loop.tremor;
+    tremor = std::max(tremor, options.identified->design.tremor);
+    if (const auto& held = options.identified->held) tremor = std::max(tremor, answer_to_tremor(held->model));
+  }
   if (live != nullptr) {
     controller.obey(live->requests());
     attach(*live, device.info(), session_options, sinks);

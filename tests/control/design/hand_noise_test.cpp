@@ -17,7 +17,8 @@ HandNoiseIdentification found_on(HeldBench& bench) {
   (void)bench.identified(10);
   const HeldIdentification held = bench.held();
   const HeldModel model = held.held.held() ? held.held : held_model(identify(bench.experiment()).plant, kRelaxedHand);
-  return identify_hand_noise(bench.experiment(), model, bench.quantum / std::sqrt(12.0));
+  PlantModel plant{.coulomb = Vec3::Constant(bench.coulomb), .position_resolution = bench.quantum};
+  return identify_hand_noise(bench.experiment(), model, plant);
 }
 
 TEST(HandNoise, FindsTheTremorOfTheHand) {
@@ -47,6 +48,19 @@ TEST(HandNoise, FindsNoTremorWhereThereIsNone) {
   }
 }
 
+TEST(HandNoise, FindsATremorAtHarmonicsOfTheMovementAndAlongOneAxis) {
+  for (const double hz : {8.0, 28 / 3.0, 12.0, 15.5}) {
+    HeldBench bench;
+    bench.tremor = 0.7;
+    bench.tremor_hz = hz;
+    bench.tremor_damping = 0.003;
+    bench.coulomb = 0.3;
+    const HandNoiseIdentification found = found_on(bench);
+    EXPECT_NEAR(found.noise.tremor, 0.7, 0.4) << hz;
+    EXPECT_NEAR(found.noise.tremor_hz, hz, 3) << hz;
+  }
+}
+
 TEST(HandNoise, FindsATremorOfAnotherKind) {
   // Narrower than the model's, which a band of 1.5 s can hardly show.
   HeldBench bench;
@@ -67,10 +81,10 @@ TEST(HandNoise, NeedsAnExcitationAndWindows) {
   experiment.dither = nullptr;
   HeldModel model;
   model.mass = Vec3::Constant(0.4);
-  EXPECT_EQ(identify_hand_noise(experiment, model, 0).noise.tremor, 0);
+  EXPECT_EQ(identify_hand_noise(experiment, model, {}).noise.tremor, 0);
   experiment = bench.experiment();
   experiment.dithered.clear();
-  EXPECT_EQ(identify_hand_noise(experiment, model, 0).noise.tremor, 0);
+  EXPECT_EQ(identify_hand_noise(experiment, model, {}).noise.tremor, 0);
 }
 
 TEST(HandNoise, ATremorReachesStillMotorsThroughTheGrip) {

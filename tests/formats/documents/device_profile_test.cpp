@@ -9,6 +9,7 @@
 
 #include <cstdlib>
 #include <gmock/gmock.h>
+#include <set>
 
 namespace haptrace {
 namespace {
@@ -43,6 +44,8 @@ DeviceProfile example() {
   profile.design.plain_calm = true;
   profile.design.stiff_error = 0.6;
   profile.design.stiff_ripple = 0.8;
+  profile.design.plain_bare = true;
+  profile.design.tremor = 2.5;
   return profile;
 }
 
@@ -216,12 +219,16 @@ TEST_F(DeviceProfiles, KeepWhatTheTrialOfTheLawWithAnObserverFound) {
   EXPECT_TRUE(read.plain_calm);
   EXPECT_EQ(read.stiff_error, 0.6);
   EXPECT_EQ(read.stiff_ripple, 0.8);
+  EXPECT_TRUE(read.plain_bare);
+  EXPECT_EQ(read.tremor, 2.5);
 
   nlohmann::json older = to_json(example());
   older["design"].erase("trial");
   older["design"].erase("plain_calm");
   older["design"].erase("stiff_error");
   older["design"].erase("stiff_ripple_n");
+  older["design"].erase("plain_bare");
+  older["design"].erase("tremor_answer_n");
   EXPECT_FALSE(profile_from_json(older, "p").design.verdict.tried);
   EXPECT_FALSE(profile_from_json(older, "p").design.plain_calm);
 
@@ -378,13 +385,17 @@ TEST(ProfileFromJson, NamesAKeyThatIsMissingUnknownOrWrong) {
     change(object);
     expect_error([&] { (void)profile_from_json(object, "p.json"); }, Error::Kind::input, {"p.json", part});
   };
+  const std::set<std::string> newer{"trial",          "plain_calm", "stiff_error",
+                                    "stiff_ripple_n", "plain_bare", "tremor_answer_n"};  // older profiles have none
   const json whole = to_json(example());
   for (const auto& [key, value] : whole.items())
     refused([&key = key](json& object) { object.erase(key); }, "'" + key + "' is missing");
   for (const char* part : {"device", "plant", "half_width", "design"}) {
     const json inner = to_json(example())[part];
     for (const auto& [key, value] : inner.items()) {
-      if (key != "trial" && key != "plain_calm" && key != "stiff_error" && key != "stiff_ripple_n")  // older profiles have none
+      if (!std::set<std::string>{"trial", "plain_calm", "stiff_error", "stiff_ripple_n", "plain_bare",
+                                 "tremor_answer_n"}
+               .contains(key))  // older profiles have none
         refused([&, &key = key](json& object) { object[part].erase(key); }, "'" + key + "' is missing");
       refused([&, &key = key](json& object) { object[part][key] = nullptr; }, key);
     }

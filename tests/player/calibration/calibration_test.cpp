@@ -565,7 +565,7 @@ TEST(Calibration, ListensWithoutForceAndMeasuresAgainWhereATremorHidesTheDevice)
   const auto told = std::ranges::find(result.session.warnings, "tremor", &Warning::code);
   ASSERT_NE(told, result.session.warnings.end());
   EXPECT_THAT(told->text, HasSubstr("the hand trembles with about"));
-  EXPECT_EQ(told->severity, Severity::note);
+  EXPECT_EQ(told->severity, Severity::warning);
 
   // Without a tremor there is nothing to listen to, whatever else makes a model coarse.
   const EnsembleDraw loose = draw_device(1, 4, EnsembleKind::backlash);

@@ -182,6 +182,26 @@ TEST(PlayPlan, TakesPlainControlIfTheTrialRefusedTheLawForACoarseModel) {
   EXPECT_TRUE(planned().composed.observer) << "what was asked for";
 }
 
+TEST(PlayPlan, LeavesOutTheFeedforwardThatMadePlainPdControlLessAccurate) {
+  PlayOptions options = with_laws();
+  options.identified->held.reset();
+  TrackingDesign& design = options.identified->design;
+  design.plain_calm = design.plain_bare = true;
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  EXPECT_TRUE(planned().composed.inertia) << "of the law with an observer";
+  design.verdict = {.tried = true, .improvement = 0.8, .refused = "it follows less closely"};
+  EXPECT_THAT(planned().notes, testing::Contains(HasSubstr("goes without")));
+  EXPECT_FALSE(planned().composed.inertia || planned().composed.friction || planned().composed.gravity);
+  options.learn = options.playback.repetitions = 3;
+  EXPECT_TRUE(planned().composed.inertia) << "learning learns the load beside it";
+  options.learn = 0;
+  options.compensations.observer = false;
+  EXPECT_TRUE(planned().composed.inertia) << "what was asked for";
+  options.compensations.observer = true;
+  design.plain_bare = false;
+  EXPECT_TRUE(planned().composed.inertia);
+}
+
 TEST(PlayPlan, SaysBeforeAPlaybackThatStiffPdControlWasCloserInTheTrials) {
   PlayOptions options = with_laws();
   const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
