@@ -251,9 +251,10 @@ json json_of(HeldModel held) {
   return object;
 }
 
+constexpr double kStrongestTremor = 10;                    // [N]
+constexpr double kSlowestTremor = 1, kFastestTremor = 20;  // [Hz]
+
 HeldModel held_from(JsonReader reader) {
-  constexpr double kStrongestTremor = 10;                    // [N]
-  constexpr double kSlowestTremor = 1, kFastestTremor = 20;  // [Hz]
   Required required(reader);
   HeldModel held;
   held.delay = required.number("delay_s", 0, 1);
@@ -264,9 +265,6 @@ HeldModel held_from(JsonReader reader) {
                 .drift_hz = of_noise.number("drift_hz", 0, kLargest),
                 .tremor = of_noise.number("tremor_n", 0, kStrongestTremor),
                 .tremor_hz = of_noise.number("tremor_hz", 0, kFastestTremor)};
-  if (held.noise.tremor > 0 && !(held.noise.tremor_hz >= kSlowestTremor))
-    throw input_error(fmt::format("{}: tremor_hz is {}; with a tremor it must be from {} to {} Hz", noise.where(),
-                                  held.noise.tremor_hz, kSlowestTremor, kFastestTremor));
   noise.finish();
   for (const char* body : {"device", "link", "hand"}) {
     JsonReader object = required.object(body);
@@ -367,6 +365,9 @@ HeldDevice held_device_from(JsonReader reader, TrackingDesign& design) {
   Required required(reader);
   HeldDevice held;
   held.model = held_from(required.object("model"));
+  if (const HandNoise& noise = held.model.noise; noise.tremor > 0 && noise.tremor_hz < kSlowestTremor)
+    throw input_error(fmt::format("{}: model: noise: tremor_hz is {}; with a tremor it must be from {} to {} Hz",
+                                  reader.where(), noise.tremor_hz, kSlowestTremor, kFastestTremor));
   held.half_width = held_from(required.object("half_width"));
   held.hand = parse_hand_known(required.text("hand_is"));
   held.margin = required.number("evidence", -1e300, 1e300);

@@ -145,7 +145,7 @@ class LawTrials {
   [[nodiscard]] PlantModel lightest() const {
     PlantModel plant = result_.identification.plant;
     // To a coarse model, friction and backlash look like a delay.
-    constexpr double kMostDelay = 5e-3;  // [s]
+    constexpr double kMostDelay = 3e-3;  // [s]
     if (result_.identification.coarse) plant.delay = std::min(plant.delay, kMostDelay);
     if (result_.held && result_.held->inertia)
       plant.mass = plant.mass.cwiseProduct(result_.held->inertia->range().first);

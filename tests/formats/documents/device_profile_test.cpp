@@ -65,6 +65,7 @@ HeldDevice in_a_hand() {
   held.model.link[1] = {.mass = 0.02, .stiffness = 1100, .damping = 0.1};
   held.model.noise = {.drift = 0.1, .drift_hz = 0.7, .tremor = 0.03, .tremor_hz = 8.5};
   held.half_width.hand[2].grip_damping = 0.4;
+  held.half_width.noise = {.drift = 0, .drift_hz = 0, .tremor = 0.01, .tremor_hz = 0.2};
   held.hand = HandKnown::identified;
   held.margin = 1.0 / 3;
   held.position_noise = 1.4e-5;
@@ -208,6 +209,23 @@ TEST_F(DeviceProfiles, KeepTheHandAndTheLawsToTheBit) {
   EXPECT_EQ(read.held->design(Firmness::normal).verdict.since, "2026-01-31T12:00:00Z");
   EXPECT_EQ(read.held->design(Firmness::exact).verdict.since, "");
   EXPECT_EQ(read.held->designed_for, Vec3(0.5, 1.0 / 3, 1));
+}
+
+TEST_F(DeviceProfiles, RefuseATremorThatNoHandHas) {
+  DeviceProfile profile = example();
+  profile.held = in_a_hand();
+  const auto refused = [&](const char* key, double value) {
+    json object = to_json(profile);
+    object["held"]["model"]["noise"][key] = value;
+    expect_error([&] { (void)profile_from_json(object, "p.json"); }, Error::Kind::input, {"p.json", key});
+  };
+  refused("tremor_n", 100);
+  refused("tremor_n", -0.1);
+  refused("tremor_hz", 1000);
+  refused("tremor_hz", 0);
+  profile.held->model.noise.tremor = 0;
+  profile.held->model.noise.tremor_hz = 0;
+  EXPECT_EQ(profile_from_json(to_json(profile), "p.json").held->model.noise.tremor, 0) << "none was found";
 }
 
 TEST_F(DeviceProfiles, KeepWhatTheTrialOfTheLawWithAnObserverFound) {
