@@ -22,7 +22,8 @@ using Complex = std::complex<double>;
 constexpr double kLowestBetween = 4.5, kHighestBetween = 24;  // [Hz]
 constexpr double kHighestMovement = 4.1;                      // of the harmonics of the movement but for friction [Hz]
 constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 17;
-constexpr double kClearTremor = 10;  // evidence
+constexpr double kClearTremor = 10;    // evidence
+constexpr double kLeastTremor = 0.15;  // a healthy hand has less [N]
 
 /// Returns the two-sided spectral density of a tremor of 1 N at `tremor_hz` [1/Hz].
 double tremor_density(double tremor_hz, double w) {
@@ -115,7 +116,8 @@ class TremorFit {
     HandNoiseIdentification result;
     const auto n = static_cast<double>(rests_.size());
     result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
-    if (!(result.evidence > kClearTremor)) return result;
+    if (const double tremor = std::exp(best[0]); !(result.evidence > kClearTremor && tremor > kLeastTremor))
+      return result;
     result.noise = {.drift = 0, .drift_hz = 0, .tremor = std::exp(best[0]), .tremor_hz = frequency(best)};
     result.half_width = {.drift = 0,
                          .drift_hz = 0,

@@ -23,8 +23,6 @@ constexpr double kMostUnseen = 0.4;  // largest share of the force that the move
 constexpr double kHeavy = 1;         // mass from which the velocity is low-passed further [kg]
 constexpr const char* kGentleVelocity = "lowpass:30";
 
-constexpr double kLeastTremor = 0.15;  // that can hide a device [N]
-
 /// Returns why the session yields no design. `step`: position resolution [m], see position_quantum().
 std::string reason_of(const CalibrationController& controller, const SessionResult& session, double step) {
   const char axis = "xyz"[controller.axis()];
@@ -137,7 +135,7 @@ class CalibrationRun {
       end_early(heard.ended, "the calibration ended while it listened to the hand", result_);
       return false;
     }
-    if (!(heard.held.noise.tremor > kLeastTremor)) return false;
+    if (heard.held.noise.tremor == 0) return false;
     options_.session.loop.tremor = answer_to_tremor(heard.held);
     tremor_ = heard.held.noise;
     return true;
