@@ -116,12 +116,12 @@ class TremorFit {
     HandNoiseIdentification result;
     const auto n = static_cast<double>(rests_.size());
     result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
-    if (const double tremor = std::exp(best[0]); !(result.evidence > kClearTremor && tremor > kLeastTremor))
-      return result;
-    result.noise = {.drift = 0, .drift_hz = 0, .tremor = std::exp(best[0]), .tremor_hz = frequency(best)};
+    const double tremor = std::exp(best[0]);
+    if (!(result.evidence > kClearTremor && tremor > kLeastTremor)) return result;
+    result.noise = {.drift = 0, .drift_hz = 0, .tremor = tremor, .tremor_hz = frequency(best)};
     result.half_width = {.drift = 0,
                          .drift_hz = 0,
-                         .tremor = result.noise.tremor * half_width(best, 0),
+                         .tremor = tremor * half_width(best, 0),
                          .tremor_hz = result.noise.tremor_hz * half_width(best, 1)};
     return result;
   }
