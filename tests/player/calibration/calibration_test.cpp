@@ -278,7 +278,7 @@ TEST(Calibration, ComparesTheLawForACoarseModelWithPlainPdControlToo) {
 }
 
 TEST(Calibration, LeavesPlainPdControlToACoarseModelOfWhichNoLawIsStable) {
-  const EnsembleDraw draw = draw_device(1, 2, EnsembleKind::everything);
+  const EnsembleDraw draw = draw_device(1, 12, EnsembleKind::everything);
   SimDevice device(draw.spec, {.seed = draw.noise_seed});
   const CalibrationResult result = calibrated(device, whole());
   ASSERT_TRUE(result.succeeded()) << result.reason;

@@ -185,6 +185,7 @@ TEST(PlayPlan, TakesPlainControlIfTheTrialRefusedTheLawForACoarseModel) {
 TEST(PlayPlan, LeavesOutTheFeedforwardThatMadePlainPdControlLessAccurate) {
   PlayOptions options = with_laws();
   options.identified->held.reset();
+  options.learn = 0;
   TrackingDesign& design = options.identified->design;
   design.plain_calm = design.plain_bare = true;
   const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
