@@ -181,7 +181,8 @@ class LawTrials {
     }
     if (!stiff_ || !stiff_->finished()) return;
     result_.design->stiff_error = error_ratio(*stiff_, any && accepted_ ? *accepted_ : plain_);
-    result_.design->stiff_ripple = std::ranges::max(stiff_->ripple);
+    for (const double ripple : stiff_->ripple)  // NaN at a place that it did not reach
+      if (std::isfinite(ripple)) result_.design->stiff_ripple = std::max(result_.design->stiff_ripple, ripple);
   }
 
   /// Returns the rms of the force that compensates for cogging while the device moves [N].
