@@ -101,7 +101,7 @@ TEST(HandNoise, ATremorReachesStillMotorsThroughTheGrip) {
   held.hand.fill({.mass = 0.2, .grip_stiffness = 0.2 * std::pow(kTwoPi * 2, 2), .grip_damping = 0.5});
   EXPECT_LT(tremor_at_motors(held).whole.x(), 0.2);
 
-  // What is above 25 Hz is little of a tremor of 6 Hz, and more of a faster one.
+  // A tremor of 6 Hz has little force above 25 Hz. A faster one has more.
   held.hand.fill({});
   held.noise.tremor_hz = 6;
   const double slow = tremor_at_motors(held).ripple.x();
