@@ -33,7 +33,7 @@ constexpr double kLongest = 20e-3;  // [m]
 constexpr double kGrid = 150;       // step of wave numbers, a third of the width of a line at the centre [rad/m]
 constexpr std::size_t kStarts = 6;  // of the refinement of a new wave
 constexpr std::size_t kMostWaves = 6;
-constexpr double kLeastShare = 0.2;  // of what all waves leave unexplained, for each wave [-]
+constexpr double kCentreShare = 0.2;  // required of each wave if nothing was measured away from the centre
 // Model error that the fit cannot see as noise: twice the standard deviation over random simulated devices.
 constexpr double kAmplitudeLeftOut = 0.2;
 constexpr double kMostUncertain = 0.5;  // largest half width of the interval of the amplitude, as a fraction of it
@@ -425,8 +425,9 @@ class Spectrum {
   std::vector<Vec3> velocity_;
 };
 
-/// Finds waves in the measurements near the centre, one after the other.
-std::vector<CoggingWave> first_waves(Pieces near, double period) {
+/// Finds waves in the measurements near the centre, one after the other: those that explain a share of at least
+/// `least`.
+std::vector<CoggingWave> first_waves(Pieces near, double period, double least) {
   std::vector<CoggingWave> waves;
   const double force = force_in(near);
   double explained = 0;
@@ -441,15 +442,15 @@ std::vector<CoggingWave> first_waves(Pieces near, double period) {
         best = std::move(more);
       }
     }
-    if (most - explained < kLeastShare * (force - most)) break;
+    if (most - explained < least * (force - most)) break;
     waves = std::move(best);
     explained = refine(near, waves, 12);
   }
   return waves;
 }
 
-/// Drops the waves that explain too little, the least first.
-void drop_unclear(Pieces pieces, std::vector<CoggingWave>& waves) {
+/// Drops the waves that explain a share below `required`, the least first.
+void drop_unclear(Pieces pieces, double required, std::vector<CoggingWave>& waves) {
   const double force = force_in(pieces);
   while (!waves.empty()) {
     const double explained = refine(pieces, waves, 20), left = force - explained;
@@ -463,7 +464,7 @@ void drop_unclear(Pieces pieces, std::vector<CoggingWave>& waves) {
       least_share = share;
       least = w;
     }
-    if (least_share >= kLeastShare) return;
+    if (least_share >= required) return;
     waves.erase(waves.begin() + static_cast<std::ptrdiff_t>(least));
   }
 }
@@ -499,18 +500,20 @@ std::vector<CoggingWave> with_intervals(Pieces pieces, std::vector<CoggingWave> 
 
 }  // namespace
 
-std::optional<Cogging> find_cogging(const Experiment& experiment, double delay) {
+std::optional<Cogging> find_cogging(const Experiment& experiment, double delay, const CoggingShares& required) {
   if (experiment.dither == nullptr || experiment.axes != std::array{true, true, true}) return std::nullopt;
   const std::vector<Piece> pieces = pieces_of(experiment, delay);
   std::size_t near = 0;
   constexpr double kNear = 5e-3;  // [m]
   while (near < pieces.size() && pieces[near].distance < kNear) ++near;
   if (near < 2) return std::nullopt;
-  std::vector<CoggingWave> waves = first_waves(Pieces(pieces).first(near), 1 / experiment.rate_hz);
+  const bool elsewhere = near < pieces.size();
+  std::vector<CoggingWave> waves =
+      first_waves(Pieces(pieces).first(near), 1 / experiment.rate_hz, elsewhere ? required.near : kCentreShare);
   if (waves.empty()) return std::nullopt;
   for (std::size_t known = near + 1; known <= pieces.size(); ++known) refine(Pieces(pieces).first(known), waves, 4);
 
-  drop_unclear(pieces, waves);
+  drop_unclear(pieces, elsewhere ? required.everywhere : kCentreShare, waves);
   Cogging cogging{.centre = experiment.centre, .waves = with_intervals(pieces, waves)};
   std::erase_if(cogging.waves,
                 [](const CoggingWave& wave) { return !(wave.amplitude_half < kMostUncertain * wave.amplitude()); });

@@ -34,8 +34,9 @@ class LawTrials {
               .radius = plan.swing_size(),
               .speed = plan.max_speed,
               .max_deviation = plan.max_deviation,
+              .small_oscillations = !result.identification.coarse,
               .session = options.session},
-        most_ripple_(kMostRipple * plan.device_force) {
+        most_ripple_((result.identification.coarse ? kMostCoarseRipple : kMostRipple) * plan.device_force) {
     const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
     for (const ExperimentPlace& place : places)
       if (std::ranges::find(farthest, place.position) != farthest.end()) tour_.places.push_back(place.position);
@@ -52,15 +53,19 @@ class LawTrials {
   /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
   /// calm, or there is no design. Returns early if the user or the device ends it.
   void run_coarse() {
-    if (!try_plain()) return;
-    if (result_.design->verdict.refused.empty()) {
-      if (judge_observer()) refuse_below(1, "its model is a coarse one", result_.design->verdict);
-    } else if (result_.design->plain_calm) {
-      result_.reason.clear();
-    } else {
-      result_.design.reset();
+    const bool passed_before = result_.design->verdict.refused.empty();
+    if (!try_plain() || !feed_plain()) return;
+    if (passed_before) {
+      if (!judge_observer()) return;
+      // Where its bandwidth had to be reduced, plain PD control that learns follows at least as well.
+      refuse_unless_closer(kWorthwhile, plain_, "plain PD control", result_.design->verdict);
     }
+    if (result_.held && !judge_coarse_lqg()) return;
     compare();
+    if (passed_before || accepted_ || result_.design->plain_calm)
+      result_.reason.clear();
+    else
+      result_.design.reset();
   }
 
  private:
@@ -68,22 +73,76 @@ class LawTrials {
     if (!try_plain() || !judge_firmness(Firmness::normal)) return;
     if (is_refused(Firmness::normal) && !result_.held->one_mass) {
       result_.held->one_mass = true;
-      if (!design_laws(*result_.held, plan_.rate_hz, stop_, options_.searching))
-        return end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
-      if (!judge_firmness(Firmness::normal)) return;
+      if (!redesign() || !judge_firmness(Firmness::normal)) return;
     }
     const bool refused = is_refused(Firmness::normal);
     if ((refused || options_.full) && !judge_firmness(Firmness::quiet)) return;
     if (options_.full && !judge_firmness(Firmness::exact)) return;
     if (!refused) return;
-    refuse_below(kWorthwhile, "another one was refused", result_.held->design(Firmness::quiet).verdict);
+    refuse_unless_worthwhile(result_.held->design(Firmness::quiet).verdict);
     if (!is_refused(Firmness::quiet)) return;
-    if (judge_observer()) refuse_below(kWorthwhile, "another one was refused", result_.design->verdict);
+    if (judge_observer()) refuse_unless_worthwhile(result_.design->verdict);
   }
 
-  static constexpr double kMostRipple = 0.04;                ///< share of the largest force
+  /// Searches the LQG laws again. Returns false if the user interrupts it, and then ends the calibration.
+  [[nodiscard]] bool redesign() {
+    if (design_laws(*result_.held, plan_.rate_hz, stop_, options_.searching)) return true;
+    end_early(StopCause::interrupted, "interrupted while laws were searched", result_);
+    return false;
+  }
+
+  /// Judges the LQG law for a coarse model, and if it fails, one with less ripple. Playbacks prefer it to the law with an observer, so it must be closer. The
+  /// quiet law is too soft for what the model leaves unknown. Returns false if the user or the device ended it.
+  [[nodiscard]] bool judge_coarse_lqg() {
+    const std::optional<TourResult> observer = std::exchange(accepted_, {});
+    if (!judge_firmness(Firmness::normal)) return false;
+    if (is_refused(Firmness::normal)) {
+      result_.held->ripple *= kSofterRipple;
+      if (!redesign() || !judge_firmness(Firmness::normal)) return false;
+    }
+    LawVerdict& verdict = result_.held->design(Firmness::normal).verdict;
+    refuse_unless_closer(1, plain_, "plain PD control", verdict);
+    if (observer) refuse_unless_closer(1, *observer, "the law with an observer", verdict);
+    if (!accepted_) accepted_ = observer;
+    return true;
+  }
+
+  /// Refuses the law that was just accepted, for a coarse model, if it is not `least` times as accurate as `other`: at
+  /// some place where the force sufficed, or over all places.
+  void refuse_unless_closer(double least, const TourResult& other, const char* name, LawVerdict& verdict) {
+    if (!verdict.refused.empty() || !other.finished()) return;
+    const double at_place = least_improvement(*accepted_, other);
+    const double over_all = whole_error(other) / whole_error(*accepted_);
+    if (at_place > 0 && at_place < least)
+      verdict.refused = fmt::format("its model is coarse, and at one place it is only {:.2f} times as accurate as {}",
+                                    at_place, name);
+    else if (over_all < least)
+      verdict.refused = fmt::format("its model is coarse, and it is only {:.2f} times as accurate as {}", over_all, name);
+    if (!verdict.refused.empty()) accepted_.reset();
+  }
+
+  /// Tries plain PD control with the feedforward of a coarse model, if it is calm without it: with which it is more
+  /// accurate, if the model is right, and then what the laws must be better than. Returns false if the user or the
+  /// device ended it.
+  [[nodiscard]] bool feed_plain() {
+    if (!result_.design->plain_calm) return true;
+    law_.compensations.observer = false;
+    const TourResult fed = tried();
+    law_.compensations = PlayOptions{}.compensations;
+    if (ended(fed)) return false;
+    result_.design->plain_bare = !fed.finished() || error_ratio(fed, plain_) > 1;
+    if (!result_.design->plain_bare) plain_ = fed;
+    return true;
+  }
+
+  static constexpr double kMostRipple = 0.04;  ///< share of the largest force
+  /// Share of the largest force, for a coarse model. Within a backlash, every stiff loop oscillates a little, stiff PD
+  /// control most of all. What the guard does not report counts by its ripple alone.
+  static constexpr double kMostCoarseRipple = 0.15;
+  static constexpr double kSofterRipple = 0.7;               ///< ripple of the second LQG law for a coarse model
   static constexpr double kStiffMargin = 1.2;                ///< of plain PD control on the free device
-  static constexpr std::array kPlainShares{1.0, 0.5, 0.25};  ///< of the stiffness of stiff PD control
+  /// Of the stiffness of stiff PD control. Below the stiffness of cables, plain PD control jumps between their waves.
+  static constexpr std::array kPlainShares{1.0, 0.5, 0.25}, kCoarsePlainShares{1.0, 0.75, 0.5, 0.25};
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
 
   /// Waits until the motors have cooled so far that the tour has nearly the force that a playback has. The excitation
@@ -124,9 +183,11 @@ class LawTrials {
   [[nodiscard]] bool try_plain() {
     law_.compensations = {};
     bool tried_any = false;
-    for (const double share : kPlainShares) {
+    const bool coarse = result_.identification.coarse;
+    const auto shares = coarse ? std::span<const double>(kCoarsePlainShares) : std::span<const double>(kPlainShares);
+    for (const double share : shares) {
       const PdGains stiff = stiff_gains(), gains{share * stiff.kp, std::sqrt(share) * stiff.kd};
-      const bool last = share == kPlainShares.back() && !tried_any;
+      const bool last = share == shares.back() && !tried_any;
       if (!last && !is_stable(lightest(), gains, kStiffMargin, plan_.rate_hz)) continue;
       tried_any = true;
       result_.design->plain = gains;
@@ -173,12 +234,7 @@ class LawTrials {
     const bool any =
         passed(result_.design->verdict) || (result_.held && (passed(result_.held->design(Firmness::normal).verdict) ||
                                                              passed(result_.held->design(Firmness::quiet).verdict)));
-    if (!any && result_.design->plain_calm) {
-      law_.compensations.observer = false;
-      const TourResult fed = tried();
-      if (ended(fed)) return;
-      result_.design->plain_bare = !fed.finished() || error_ratio(fed, plain_) > 1;
-    }
+    if (!any && !result_.identification.coarse && !feed_plain()) return;
     if (!stiff_ || !stiff_->finished()) return;
     result_.design->stiff_error = error_ratio(*stiff_, any && accepted_ ? *accepted_ : plain_);
     for (const double ripple : stiff_->ripple)  // NaN at a place that it did not reach
@@ -213,12 +269,13 @@ class LawTrials {
     return judged;
   }
 
-  /// Refuses a law that is less than `least` times as accurate as plain PD control at some place, where `doubt` says
-  /// why its model is to be doubted: plain PD control that learns follows at least as well there.
-  static void refuse_below(double least, const char* doubt, LawVerdict& verdict) {
-    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= least) return;
-    verdict.refused = fmt::format("{}, and at one place it is only {:.2f} times as accurate as plain PD control", doubt,
-                                  verdict.improvement);
+  /// Refuses a law that is less than kWorthwhile times as accurate as plain PD control at some place, after another one
+  /// was refused: plain PD control that learns follows at least as well there.
+  static void refuse_unless_worthwhile(LawVerdict& verdict) {
+    if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
+    verdict.refused = fmt::format(
+        "another one was refused, and at one place it is only {:.2f} times as accurate as plain PD control",
+        verdict.improvement);
   }
 
   [[nodiscard]] bool is_refused(Firmness firmness) const {
@@ -289,10 +346,10 @@ void try_laws(Device& device, const CalibrationPlan& plan, const std::vector<Exp
               const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
               CalibrationResult& result) {
   LawTrials trials(device, plan, places, options, stop, progress, result);
-  if (result.held)
-    trials.run();
-  else
+  if (result.identification.coarse)
     trials.run_coarse();
+  else
+    trials.run();
 }
 
 }  // namespace haptrace

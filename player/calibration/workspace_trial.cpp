@@ -130,7 +130,7 @@ TourResult toured(Device& device, const PlayOptions& law, const WorkspaceTour& t
                       .law = law.law,
                       .firmness = law.firmness,
                       .watch_release = false,  // on the way from place to place, loads turn as fast
-                      .find_oscillations = true,
+                      .find_oscillations = tour.small_oscillations,
                       .smoothing = 0,
                       .session = tour.session};
   options.session.recording.reset();
@@ -159,6 +159,17 @@ double error_ratio(const TourResult& law, const TourResult& plain) noexcept {
     other += plain.rms_error[i] * plain.rms_error[i];
   }
   return other > 0 ? std::sqrt(own / other) : 0;
+}
+
+double whole_error(const TourResult& toured) noexcept {
+  double squares = 0;
+  int places = 0;
+  for (const double error : toured.rms_error) {
+    if (std::isnan(error)) continue;
+    squares += error * error;
+    ++places;
+  }
+  return places > 0 ? std::sqrt(squares / places) : kNaN;
 }
 
 std::string refusal_of(const TourResult& law, const TourResult& plain, const WorkspaceTour& tour, double max_ripple) {

@@ -15,7 +15,9 @@ struct WorkspaceTour {
   double radius = 0.01;         ///< of the circles [m]
   double speed = 0.12;          ///< peak speed on the circles and between them [m/s]
   double max_deviation = 0.03;  ///< distance from the reference beyond which the session stops [m]
-  SessionOptions session;       ///< without a recording
+  /// Small oscillations count, too (OscillationMonitor), beside what the guard reports.
+  bool small_oscillations = true;
+  SessionOptions session;  ///< without a recording
 };
 
 /// The result of a law on a tour.
@@ -41,6 +43,9 @@ double least_improvement(const TourResult& law, const TourResult& plain) noexcep
 /// Returns the rms error of `law` over that of `plain`, over all places where the force sufficed; 0 if it sufficed
 /// nowhere.
 double error_ratio(const TourResult& law, const TourResult& plain) noexcept;
+
+/// Returns the rms error over all places that were reached [m].
+double whole_error(const TourResult& toured) noexcept;
 
 /// Returns why a law must not be used on a device that followed the same tour under plain PD control; empty if it may:
 /// it finished without an oscillation, its error over all places was smaller, and at no place was it larger
