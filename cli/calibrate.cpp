@@ -187,7 +187,7 @@ std::string table(const CalibrationPlan& plan, const CalibrationResult& result) 
                       "  A trial on a small circle was stable, with a margin, at {:.0f} % of its bandwidth;\n"
                       "  playback is less accurate than usual. Over the workspace: {}\n",
                       100 * result.bandwidth, text_of(design.verdict))
-                : fmt::format("  No law for it passed a trial on a small circle: {}. Playbacks use plain PD control.\n",
+                : fmt::format("  The law with an observer passed no trial on a small circle: {}.\n",
                               design.verdict.refused);
   }
   if (result.held) text += text_of(*result.held);

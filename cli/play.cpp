@@ -105,8 +105,8 @@ void require_law(const PlayArguments& arguments, const PlayOptions& options, con
   if (!options.identified) throw input_error(fmt::format("an LQG law needs a calibrated device: {}", calibrate));
   if (!options.identified->held)
     throw input_error(
-        fmt::format("the device's profile has no LQG laws, because it is old or its model coarse; "
-                    "calibrate again ({}), or leave out --law and --firmness",
+        fmt::format("the device's profile has no LQG laws, because it is old, or its model coarse and its calibration "
+                    "a quick one; calibrate again ({}), or leave out --law and --firmness",
                     calibrate));
 }
 

@@ -10,8 +10,8 @@
 namespace haptrace {
 
 /// Shares of the force that all waves leave unexplained, as sums of squares: each wave must explain as much. Waves that
-/// noise feigns keep their phase for a few millimetres, but not from place to place. On 56 random devices measured at up
-/// to nine places, they then explained at most 0.046, mostly below 0.02.
+/// noise feigns keep their phase for a few millimetres, but not from place to place. On 56 random devices measured at
+/// up to nine places, they then explained at most 0.046, mostly below 0.02.
 struct CoggingShares {
   double near = 0.03;        ///< near the centre: looked for at the other places, too
   double everywhere = 0.04;  ///< over all places
@@ -26,10 +26,10 @@ struct CoggingShares {
 /// numbers and amplitudes then takes in one place after the other, from the nearest to the farthest, since each place
 /// makes the wave numbers, and thus the phase at the next, more accurate.
 ///
-/// A wave is accepted if it explains the `required` shares, a fifth if nothing was measured away from the centre, and if
-/// the interval of its amplitude, from the jackknife over the pieces, excludes half of it. Returns nothing if there is none. The
-/// amplitudes are too small by 10 to 40 %; see refit_amplitudes(). `delay` is that of PlantModel [s]. Not real-time: it
-/// allocates, and takes up to a second.
+/// A wave is accepted if it explains the `required` shares, a fifth if nothing was measured away from the centre, and
+/// if the interval of its amplitude, from the jackknife over the pieces, excludes half of it. Returns nothing if there
+/// is none. The amplitudes are too small by 10 to 40 %; see refit_amplitudes(). `delay` is that of PlantModel [s]. Not
+/// real-time: it allocates, and takes up to a second.
 std::optional<Cogging> find_cogging(const Experiment& experiment, double delay, const CoggingShares& required = {});
 
 /// Corrects the amplitudes of `cogging`, for a known mass matrix at the centre [kg], by the measurements with

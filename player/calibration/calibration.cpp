@@ -23,8 +23,8 @@ constexpr double kMostUnseen = 0.4;  // largest share of the force that the move
 constexpr double kHeavy = 1;         // mass from which the velocity is low-passed further [kg]
 constexpr const char* kGentleVelocity = "lowpass:30";
 
-/// Share of the usual ripple that LQG laws for a coarse model use. Within a backlash, the loop's gain is larger than the
-/// model says, and laws with the usual ripple vibrated in the trials of every second such device.
+/// Share of the usual ripple that LQG laws for a coarse model use. Within a backlash, the loop's gain is larger than
+/// the model says, and laws with the usual ripple vibrated in the trials of every second such device.
 constexpr double kCoarseRipple = 0.7;
 
 /// Returns why the session yields no design. `step`: position resolution [m], see position_quantum().
@@ -239,11 +239,12 @@ class CalibrationRun {
     if (full.fits && full.line_residual < kDoubtful) return true;
     Identification coarse = identify_coarsely(log_->experiment(plan_));
     if (full.fits && !(coarse.fits && coarse.plant.cogging)) return true;
-    result_.doubt =
-        full.fits ? fmt::format("the model does not explain {:.0f} % of the response to the excitation, and there are "
-                                "forces that repeat over the place",
-                                100 * full.line_residual)
-                  : full.reason;
+    result_.doubt = full.fits
+                        ? fmt::format(
+                              "the model does not explain {:.0f} % of the response to the excitation, and there are "
+                              "forces that repeat over the place",
+                              100 * full.line_residual)
+                        : full.reason;
     take_model(std::move(coarse));
     return false;
   }
@@ -259,17 +260,17 @@ class CalibrationRun {
       try_laws(device_, plan_, reached_, options_, stop_, progress_, result_);
   }
 
-  /// Sets the delay of the model of a device that is known only coarsely. While a law holds the device, its force follows
-  /// from the position without delay, which makes the coarse delay too small, and backlash makes it too large. On random
-  /// devices with a delay of 3.5 ms and all else that makes a model coarse, a law for 1 ms less or more follows as
-  /// well, and one for 4 ms more half as well.
+  /// Sets the delay of the model of a device that is known only coarsely. While a law holds the device, its force
+  /// follows from the position without delay, which makes the coarse delay too small, and backlash makes it too large.
+  /// On random devices with a delay of 3.5 ms and all else that makes a model coarse, a law for 1 ms less or more
+  /// follows as well, and one for 4 ms more half as well.
   static void take_likely_delay(HeldModel& model) {
     constexpr double kShortest = 3e-3, kLongest = 4.5e-3;  // [s]
     model.delay = std::clamp(model.delay + model.lag, kShortest, kLongest) - model.lag;
   }
 
-  /// Searches the LQG laws for the device in the hand that was `seen`. Returns false if the user interrupts it, and then
-  /// ends the calibration.
+  /// Searches the LQG laws for the device in the hand that was `seen`. Returns false if the user interrupts it, and
+  /// then ends the calibration.
   [[nodiscard]] bool search_laws(const HeldIdentification& seen) {
     const Identification& identified = result_.identification;
     HeldDevice held = held_device(identified, seen, plan_.rate_hz, plan_.device_force);

@@ -46,13 +46,13 @@ struct CalibrationResult {
 /// sets the gains and the amplitude of the excitation for the rest. The plan bounds forces, speed and distances. The
 /// session ends early when the device is blocked, pushed away or driven in the wrong direction.
 ///
-/// If the response is not that of a mass, identify_coarsely makes a coarse model. The law designed for it is then tried
-/// out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth. The first law that
-/// passes is kept, and compared with plain PD control over the workspace. If none passes, playbacks take plain PD
-/// control, which must stay calm there; else the result has no design.
+/// If the response is not that of a mass, identify_coarsely makes a coarse model. The law with an observer for it is
+/// then tried out on a circle within the same bounds (law_trial.h) at 1, 0.7, 0.5 and 0.35 of its bandwidth, and the
+/// first that passes is kept. If no law passes its trials, playbacks take plain PD control, which must stay calm over
+/// the workspace; else the result has no design.
 ///
-/// If the response is that of a mass, LQG laws are searched, and tried over the workspace beside plain PD control
-/// (workspace_trial.h); `held` says what came of it. The calibration needs to know only the device's largest force,
+/// LQG laws are searched, and tried over the workspace beside plain PD control (workspace_trial.h); `held` says what
+/// came of it. The calibration needs to know only the device's largest force,
 /// workspace and axes beforehand.
 ///
 /// Throws what plan_calibration and run_session throw before any force.

@@ -50,8 +50,8 @@ class LawTrials {
     compare();
   }
 
-  /// Compares the law for a coarse model with plain PD control. If it was refused before, plain PD control must stay
-  /// calm, or there is no design. Returns early if the user or the device ends it.
+  /// Compares the laws for a coarse model with plain PD control. If none passes, plain PD control must stay calm, or
+  /// there is no design. Returns early if the user or the device ends it.
   void run_coarse() {
     const bool passed_before = result_.design->verdict.refused.empty();
     if (!try_plain() || !feed_plain()) return;
@@ -91,8 +91,9 @@ class LawTrials {
     return false;
   }
 
-  /// Judges the LQG law for a coarse model, and if it fails, one with less ripple. Playbacks prefer it to the law with an observer, so it must be closer. The
-  /// quiet law is too soft for what the model leaves unknown. Returns false if the user or the device ended it.
+  /// Judges the LQG law for a coarse model, and if it fails, one with less ripple. Playbacks prefer it to the law with
+  /// an observer, so it must be closer. The quiet law is too soft for what the model leaves unknown. Returns false if
+  /// the user or the device ended it.
   [[nodiscard]] bool judge_coarse_lqg() {
     const std::optional<TourResult> observer = std::exchange(accepted_, {});
     if (!judge_firmness(Firmness::normal)) return false;
@@ -117,7 +118,8 @@ class LawTrials {
       verdict.refused = fmt::format("its model is coarse, and at one place it is only {:.2f} times as accurate as {}",
                                     at_place, name);
     else if (over_all < least)
-      verdict.refused = fmt::format("its model is coarse, and it is only {:.2f} times as accurate as {}", over_all, name);
+      verdict.refused =
+          fmt::format("its model is coarse, and it is only {:.2f} times as accurate as {}", over_all, name);
     if (!verdict.refused.empty()) accepted_.reset();
   }
 
@@ -139,8 +141,8 @@ class LawTrials {
   /// Share of the largest force, for a coarse model. Within a backlash, every stiff loop oscillates a little, stiff PD
   /// control most of all. What the guard does not report counts by its ripple alone.
   static constexpr double kMostCoarseRipple = 0.15;
-  static constexpr double kSofterRipple = 0.7;               ///< ripple of the second LQG law for a coarse model
-  static constexpr double kStiffMargin = 1.2;                ///< of plain PD control on the free device
+  static constexpr double kSofterRipple = 0.7;  ///< ripple of the second LQG law for a coarse model
+  static constexpr double kStiffMargin = 1.2;   ///< of plain PD control on the free device
   /// Of the stiffness of stiff PD control. Below the stiffness of cables, plain PD control jumps between their waves.
   static constexpr std::array kPlainShares{1.0, 0.5, 0.25}, kCoarsePlainShares{1.0, 0.75, 0.5, 0.25};
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
@@ -273,9 +275,9 @@ class LawTrials {
   /// was refused: plain PD control that learns follows at least as well there.
   static void refuse_unless_worthwhile(LawVerdict& verdict) {
     if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
-    verdict.refused = fmt::format(
-        "another one was refused, and at one place it is only {:.2f} times as accurate as plain PD control",
-        verdict.improvement);
+    verdict.refused =
+        fmt::format("another one was refused, and at one place it is only {:.2f} times as accurate as plain PD control",
+                    verdict.improvement);
   }
 
   [[nodiscard]] bool is_refused(Firmness firmness) const {

@@ -18,7 +18,9 @@ void try_designs(Device& device, const CalibrationPlan& plan, const SessionOptio
 
 /// Tries the laws beside plain PD control at the centre and at `places` that the device reached before, and notes in
 /// the result what came of it. An LQG law that fails is designed again for a mass that differs more; if that fails too,
-/// the softer ones are tried. For a coarse model there is one law. Returns early if the user or the device ends it.
+/// the softer ones are tried. For a coarse model, what playbacks use must be the closest in the trials: plain PD
+/// control with or without feedforward, the law with an observer, or an LQG law. There, small oscillations do not
+/// count, which every stiff loop has within a backlash. Returns early if the user or the device ends it.
 void try_laws(Device& device, const CalibrationPlan& plan, const std::vector<ExperimentPlace>& places,
               const CalibrationOptions& options, const StopRequest& stop, const Progress& progress,
               CalibrationResult& result);
