@@ -43,9 +43,8 @@ struct Remainder {
 
 /// Returns the frequencies between the lines.
 std::vector<double> frequencies_between(const Multisine& dither) {
-  std::vector<double> lines, free;
-  for (int axis = 0; axis < 3; ++axis)
-    for (const SpectralLine& line : dither.lines(axis)) lines.push_back(line.frequency_hz);
+  const std::vector<double> lines = dither.frequencies();
+  std::vector<double> free;
   const double step = 1 / dither.period();
   for (double f = step; f < kHighestBetween; f += step)
     if (f > kLowestBetween && std::ranges::none_of(lines, [&](double line) { return std::abs(line - f) < 0.5 * step; }))
@@ -59,8 +58,8 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
   const std::size_t free = frequencies.size();
   if (free == 0) return {};
   // The lines leak into their neighbours unless they are estimated too.
-  for (int axis = 0; axis < 3; ++axis)
-    for (const SpectralLine& line : dither.lines(axis)) frequencies.push_back(line.frequency_hz);
+  const std::vector<double> lines = dither.frequencies();
+  frequencies.insert(frequencies.end(), lines.begin(), lines.end());
   SpectrumEstimator estimator(std::move(frequencies), dither.period(), experiment.rate_hz, kHighestMovement);
   const auto add = [&](const Stretch& rows) {
     estimator.add(experiment.rows.subspan(rows.begin, rows.end - rows.begin));

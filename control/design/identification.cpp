@@ -967,11 +967,7 @@ Identification identify_coarsely(const Experiment& experiment) {
 
 LineSpectrum spectrum_of(const Experiment& experiment) {
   const Multisine& dither = *experiment.dither;
-  std::vector<double> frequencies;
-  for (int axis = 0; axis < 3; ++axis)
-    for (const SpectralLine& line : dither.lines(axis)) frequencies.push_back(line.frequency_hz);
-  std::sort(frequencies.begin(), frequencies.end());
-  SpectrumEstimator estimator(frequencies, dither.period(), experiment.rate_hz);
+  SpectrumEstimator estimator(dither.frequencies(), dither.period(), experiment.rate_hz);
   for (const Stretch& stretch : experiment.dithered)
     estimator.add(experiment.rows.subspan(stretch.begin, stretch.end - stretch.begin));
   return estimator.mean();

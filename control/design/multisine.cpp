@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -45,6 +46,14 @@ Vec3 Multisine::value(double time) const noexcept {
     for (const SpectralLine& line : lines_[static_cast<std::size_t>(axis)])
       force[axis] += line.amplitude * std::cos(2 * std::numbers::pi * line.frequency_hz * time + line.phase);
   return force;
+}
+
+std::vector<double> Multisine::frequencies() const {
+  std::vector<double> result;
+  for (const auto& lines : lines_)
+    for (const SpectralLine& line : lines) result.push_back(line.frequency_hz);
+  std::sort(result.begin(), result.end());
+  return result;
 }
 
 }  // namespace haptrace

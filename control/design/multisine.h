@@ -34,6 +34,8 @@ class Multisine {
   [[nodiscard]] Vec3 value(double time) const noexcept;
 
   [[nodiscard]] const std::vector<SpectralLine>& lines(int axis) const { return lines_.at(static_cast<size_t>(axis)); }
+  /// Returns the frequencies of the lines of all axes, rising [Hz].
+  [[nodiscard]] std::vector<double> frequencies() const;
   [[nodiscard]] double period() const noexcept { return period_; }
 
  private:

@@ -426,6 +426,22 @@ TEST(CoarseIdentification, FindsMassAndDelayWithoutTheLines) {
   }
 }
 
+TEST(CoarseIdentification, FindsTheCablesWithTheMassInTurns) {
+  for (const double shake : {0.0, 0.3}) {
+    SCOPED_TRACE(testing::Message() << shake << " N");
+    const auto made = toured(0.6, 3e-3, shake, 8);
+    const Identification found = identify_coarsely(made.experiment());
+    ASSERT_TRUE(found.fits) << found.reason;
+    ASSERT_TRUE(found.plant.cogging);
+    for (const CoggingWave& wave : found.plant.cogging->waves) {
+      EXPECT_NEAR(wave.wave_number.norm(), kTwoPi / 3e-3, 20);
+      EXPECT_NEAR(wave.amplitude(), 0.6, 0.2);
+    }
+    expect_near(found.plant.mass, made.mass, 0.2, "mass");
+  }
+  EXPECT_FALSE(identify_coarsely(toured(0, 3e-3, 0.4, 8).experiment()).plant.cogging);
+}
+
 TEST(CoarseIdentification, RejectsADeviceThatDoesNotRespondToTheForce) {
   EXPECT_FALSE(identify_coarsely(Experiment{}).fits);
   EXPECT_NE(identify_coarsely(Experiment{}).reason, "");

@@ -257,30 +257,107 @@ class Obstructed final : public Device {
   bool there_ = false;
 };
 
-TEST(Calibration, ComparesTheLawForACoarseModelWithPlainPdControlToo) {
+/// A device with backlash and cables. It is late, and its mass varies over the workspace.
+SimSpec slack_device() {
+  SimSpec spec;
+  spec.model = "slack device";
+  spec.max_force = spec.max_continuous_force = 9;
+  spec.delay = 3e-3;
+  spec.actuator_bandwidth_hz = 300;
+  spec.mass = Vec3::Constant(0.4);
+  spec.inertia_variation = 0.4;
+  spec.inertia_length = 0.06;
+  spec.viscous = Vec3::Constant(2);
+  spec.coulomb = Vec3::Constant(0.5);
+  spec.gravity_bias = Vec3(0, 0, 1);
+  spec.cogging = Vec3::Constant(1);
+  spec.cogging_period = 3e-3;
+  spec.workspace = {Vec3::Constant(-0.1), Vec3::Constant(0.1)};
+  spec.structural_mode = {.frequency_hz = 150, .damping_ratio = 0.05, .handle_fraction = 0.3};
+  spec.backlash = 2e-4;
+  spec.position_resolution = 5e-5;
+  spec.force_resolution = 5e-3;
+  spec.hand = preset("falcon", "relaxed").hand;
+  return spec;
+}
+
+TEST(Calibration, FindsMassAndCablesBehindABacklash) {
+  const SimSpec spec = slack_device();
+  SimDevice device(spec);
+  CalibrationOptions chosen = whole();
+  chosen.laws = false;
+  const CalibrationResult result = calibrated(device, chosen);
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.identification.coarse);
+  const PlantModel& plant = result.identification.plant;
+  const double mass = spec.mass.x() * (0.7 * (1 + spec.inertia_variation) + 0.3);
+  for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(plant.mass[axis], mass, 0.25 * mass) << axis;
+  ASSERT_TRUE(plant.cogging);
+  ASSERT_EQ(plant.cogging->waves.size(), 3U);
+  for (const CoggingWave& wave : plant.cogging->waves) {
+    EXPECT_NEAR(wave.wave_number.norm(), 2 * std::numbers::pi / spec.cogging_period, 20);
+    EXPECT_NEAR(wave.amplitude(), 1, 0.4);
+  }
+  EXPECT_FALSE(result.held) << "no laws were asked for";
+}
+
+TEST(Calibration, TriesLqgLawsForACoarseModelAndKeepsWhatIsClosest) {
+  SimDevice device(slack_device());
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  ASSERT_TRUE(result.identification.coarse);
+  ASSERT_TRUE(result.held);
+  EXPECT_EQ(result.held->hand, HandKnown::assumed);
+  EXPECT_TRUE(result.held->inertia);
+  const double delay = result.held->model.delay + result.held->model.lag;
+  EXPECT_GE(delay, 3e-3);
+  EXPECT_LE(delay, 4.5e-3);
+  const LawVerdict &lqg = result.held->design(Firmness::normal).verdict, &observer = result.design->verdict;
+  EXPECT_TRUE(lqg.tried);
+  EXPECT_FALSE(result.held->design(Firmness::quiet).verdict.tried) << "too soft for what the model leaves unknown";
+  if (lqg.refused.empty()) {
+    EXPECT_TRUE(lqg.improvement == 0 || lqg.improvement >= 1) << lqg.improvement;
+  }
+  if (observer.refused.empty()) {
+    EXPECT_TRUE(observer.improvement == 0 || observer.improvement >= 2) << observer.improvement;
+  }
+  EXPECT_TRUE(result.design->plain_calm);
+
+  CalibrationOptions in_the_middle = whole();
+  in_the_middle.places = false;
+  SimDevice again(slack_device());
+  const CalibrationResult quick = calibrated(again, in_the_middle);
+  EXPECT_FALSE(quick.held) << "nothing tried an LQG law";
+  EXPECT_FALSE(quick.design && quick.design->verdict.tried);
+}
+
+TEST(Calibration, TakesStiffPdControlForCalmThatOscillatesWithinABacklashOnly) {
   const EnsembleDraw draw = draw_device(1, 4, EnsembleKind::everything);
   SimDevice device(draw.spec, {.seed = draw.noise_seed});
   const CalibrationResult result = calibrated(device, whole());
   ASSERT_TRUE(result.succeeded()) << result.reason;
   ASSERT_TRUE(result.identification.coarse);
-  EXPECT_TRUE(result.design->verdict.tried);
-  EXPECT_NE(result.design->verdict.refused, "") << "it passes the circle in the middle, and oscillates elsewhere";
   EXPECT_TRUE(result.design->plain_calm);
-  EXPECT_LT(result.design->plain.kp.x(), stiff_gains().kp.x());
-  EXPECT_GT(result.design->stiff_error, 0);
-  EXPECT_LT(result.design->stiff_error, 1) << "stiff PD control vibrates here, but goes where it shall";
-  EXPECT_GT(result.design->stiff_ripple, 0.2);
+  EXPECT_EQ(result.design->plain.kp, stiff_gains().kp);
+  EXPECT_EQ(result.design->stiff_error, 0) << "it is what playbacks may choose";
+}
 
-  CalibrationOptions in_the_middle = whole();
-  in_the_middle.places = false;
-  SimDevice again(draw.spec, {.seed = draw.noise_seed});
-  EXPECT_FALSE(calibrated(again, in_the_middle).design->verdict.tried);
+TEST(Calibration, MakesACoarseModelOfADeviceWhoseFullOneFitsOnlyByChance) {
+  const EnsembleDraw draw = draw_device(1, 17, EnsembleKind::everything);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  const CalibrationResult result = calibrated(device, whole());
+  ASSERT_TRUE(result.succeeded()) << result.reason;
+  EXPECT_TRUE(result.identification.coarse);
+  EXPECT_THAT(result.doubt, HasSubstr("forces that repeat over the place"));
+  EXPECT_TRUE(result.identification.plant.cogging);
 }
 
 TEST(Calibration, LeavesPlainPdControlToACoarseModelOfWhichNoLawIsStable) {
-  const EnsembleDraw draw = draw_device(1, 12, EnsembleKind::everything);
+  const EnsembleDraw draw = draw_device(1, 22, EnsembleKind::everything);
   SimDevice device(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult result = calibrated(device, whole());
+  CalibrationOptions without_lqg = whole();
+  without_lqg.laws = false;
+  const CalibrationResult result = calibrated(device, without_lqg);
   ASSERT_TRUE(result.succeeded()) << result.reason;
   EXPECT_EQ(result.bandwidth, 0);
   EXPECT_EQ(result.trials, 4);

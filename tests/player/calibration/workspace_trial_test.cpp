@@ -2,6 +2,7 @@
 
 #include "tests/player/calibration/identified_device.h"
 
+#include <cmath>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -73,6 +74,27 @@ TEST(WorkspaceTrial, RefusesWhatRipplesOrFollowsLessCloselyAtAnyPlace) {
   EXPECT_THAT(refusal_of(own, other, around_the_centre(), 1), IsEmpty()) << "the force did not suffice there";
   own.ripple[1] = 0.7;
   EXPECT_THAT(refusal_of(own, other, around_the_centre(), 0.5), HasSubstr("force ripple is 0.70 N rms 50 mm"));
+}
+
+TEST(WorkspaceTrial, CountsSmallOscillationsOnlyIfTheyMatter) {
+  SimSpec slack = test::true_device();
+  slack.structural_mode = {.frequency_hz = 150, .damping_ratio = 0.05, .handle_fraction = 0.4};
+  slack.backlash = 4e-4;
+  slack.delay = 3e-3;
+  slack.hand.reset();
+  WorkspaceTour tour = around_the_centre();
+  const TourResult strict = toured_under(plain(), slack, tour);
+  tour.small_oscillations = false;
+  const TourResult lenient = toured_under(plain(), slack, tour);
+  EXPECT_GT(strict.oscillations, lenient.oscillations);
+  EXPECT_EQ(strict.rms_error, lenient.rms_error) << "they are only counted";
+}
+
+TEST(WorkspaceTrial, HasAnErrorOverAllPlacesThatWereReached) {
+  TourResult toured;
+  EXPECT_TRUE(std::isnan(whole_error(toured)));
+  toured.rms_error = {3e-3, kNaN, 4e-3};
+  EXPECT_DOUBLE_EQ(whole_error(toured), std::sqrt(12.5e-6));
 }
 
 TEST(WorkspaceTrial, ComparesNothingWhereTheForceNeverSuffices) {
