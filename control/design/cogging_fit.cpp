@@ -507,7 +507,7 @@ std::optional<Cogging> find_cogging(const Experiment& experiment, double delay, 
   constexpr double kNear = 5e-3;  // [m]
   while (near < pieces.size() && pieces[near].distance < kNear) ++near;
   if (near < 2) return std::nullopt;
-  const bool elsewhere = near < pieces.size();
+  const bool elsewhere = !experiment.places.empty();
   std::vector<CoggingWave> waves =
       first_waves(Pieces(pieces).first(near), 1 / experiment.rate_hz, elsewhere ? required.near : kCentreShare);
   if (waves.empty()) return std::nullopt;

@@ -1,5 +1,6 @@
 #include "player/calibration/workspace_trial.h"
 
+#include "studies/ensemble_draw.h"
 #include "tests/player/calibration/identified_device.h"
 
 #include <cmath>
@@ -77,11 +78,7 @@ TEST(WorkspaceTrial, RefusesWhatRipplesOrFollowsLessCloselyAtAnyPlace) {
 }
 
 TEST(WorkspaceTrial, CountsSmallOscillationsOnlyIfTheyMatter) {
-  SimSpec slack = test::true_device();
-  slack.structural_mode = {.frequency_hz = 150, .damping_ratio = 0.05, .handle_fraction = 0.4};
-  slack.backlash = 4e-4;
-  slack.delay = 3e-3;
-  slack.hand.reset();
+  const SimSpec slack = draw_device(1, 22, EnsembleKind::everything).spec;
   WorkspaceTour tour = around_the_centre();
   const TourResult strict = toured_under(plain(), slack, tour);
   tour.small_oscillations = false;
