@@ -42,8 +42,8 @@ struct DeviceProfile {
   bool coarse = false;  ///< see Identification; the design was tested on the device. Stored only if true
   std::string reason;   ///< why the model does not fit, or is only coarse
   TrackingDesign design;
-  std::optional<HeldDevice>
-      held;  ///< absent in older profiles, and for a coarse model without a trial over the workspace
+  /// Absent in older profiles, and for a coarse model that was not tried over the workspace.
+  std::optional<HeldDevice> held;
 
   /// Returns what a session's law is designed from.
   [[nodiscard]] IdentifiedDevice identified() const { return {plant, design, held}; }

@@ -282,8 +282,9 @@ class CalibrationRun {
     }
     with_experiment([&](const Experiment& experiment) {
       // A coarse model does not tell a hand's force from what it leaves unexplained.
-      if (!identified.coarse)
-        expect_tremor(identify_hand_noise(experiment, held.model, identified.plant), plan_.device_force, held);
+      expect_tremor(identified.coarse ? HandNoiseIdentification{.noise = tremor_}
+                                      : identify_hand_noise(experiment, held.model, identified.plant),
+                    plan_.device_force, held);
       held.inertia = identify_inertia(experiment, identified);
       held.one_mass = plan_.places.empty() || experiment.places.size() < plan_.places.size();
     });

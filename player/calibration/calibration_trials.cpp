@@ -36,7 +36,7 @@ class LawTrials {
               .max_deviation = plan.max_deviation,
               .small_oscillations = !result.identification.coarse,
               .session = options.session},
-        most_ripple_((result.identification.coarse ? kMostCoarseRipple : kMostRipple) * plan.device_force) {
+        most_ripple_(most_ripple(plan.device_force, result.identification.coarse)) {
     const auto farthest = std::span(plan.places).subspan(plan.nearer_places);
     for (const ExperimentPlace& place : places)
       if (std::ranges::find(farthest, place.position) != farthest.end()) tour_.places.push_back(place.position);
@@ -82,6 +82,10 @@ class LawTrials {
     refuse_unless_worthwhile(result_.held->design(Firmness::quiet).verdict);
     if (!is_refused(Firmness::quiet)) return;
     if (judge_observer()) refuse_unless_worthwhile(result_.design->verdict);
+  }
+
+  [[nodiscard]] static double most_ripple(double force, bool coarse) {
+    return std::max(kMostRipple * force, coarse ? std::min(kMostCoarseRipple * force, kMostFelt) : 0.0);
   }
 
   /// Searches the LQG laws again. Returns false if the user interrupts it, and then ends the calibration.
@@ -138,9 +142,10 @@ class LawTrials {
   }
 
   static constexpr double kMostRipple = 0.04;  ///< share of the largest force
-  /// Share of the largest force, for a coarse model. Within a backlash, every stiff loop oscillates a little, stiff PD
-  /// control most of all. What the guard does not report counts by its ripple alone.
-  static constexpr double kMostCoarseRipple = 0.15;
+  /// Share of the largest force for a coarse model, up to kMostFelt if that is more than usual. Within a backlash,
+  /// every stiff loop oscillates a little, stiff PD control most of all. What the guard does not report counts by its
+  /// ripple alone.
+  static constexpr double kMostCoarseRipple = 0.15, kMostFelt = 1.5;  // [N]
   static constexpr double kSofterRipple = 0.7;  ///< ripple of the second LQG law for a coarse model
   static constexpr double kStiffMargin = 1.2;   ///< of plain PD control on the free device
   /// Of the stiffness of stiff PD control. Below the stiffness of cables, plain PD control jumps between their waves.
