@@ -58,7 +58,8 @@ class LawTrials {
     if (passed_before) {
       if (!judge_observer()) return;
       // Where its bandwidth had to be reduced, plain PD control that learns follows at least as well.
-      refuse_unless_closer(kWorthwhile, plain_, "plain PD control", result_.design->verdict);
+      refuse_unless_closer(result_.bandwidth < 1 ? kWorthwhile : 1, plain_, "plain PD control",
+                           result_.design->verdict);
     }
     if (result_.held && !judge_coarse_lqg()) return;
     compare();
@@ -106,7 +107,8 @@ class LawTrials {
       if (!redesign() || !judge_firmness(Firmness::normal)) return false;
     }
     LawVerdict& verdict = result_.held->design(Firmness::normal).verdict;
-    refuse_unless_closer(1, plain_, "plain PD control", verdict);
+    // A law that is hardly closer before plain PD control learns is less close afterwards.
+    refuse_unless_closer(kClearly, plain_, "plain PD control", verdict);
     if (observer) refuse_unless_closer(1, *observer, "the law with an observer", verdict);
     if (!accepted_) accepted_ = observer;
     return true;
@@ -148,9 +150,10 @@ class LawTrials {
   static constexpr double kMostCoarseRipple = 0.15, kMostFelt = 1.5;  // [N]
   static constexpr double kSofterRipple = 0.7;  ///< ripple of the second LQG law for a coarse model
   static constexpr double kStiffMargin = 1.2;   ///< of plain PD control on the free device
-  /// Of the stiffness of stiff PD control. Below the stiffness of cables, plain PD control jumps between their waves.
-  static constexpr std::array kPlainShares{1.0, 0.5, 0.25}, kCoarsePlainShares{1.0, 0.75, 0.5, 0.25};
+  /// Of the stiffness of stiff PD control. Between a stiffness that vibrated and one that is kept is a factor of two.
+  static constexpr std::array kPlainShares{1.0, 0.5, 0.25};
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
+  static constexpr double kClearly = 1.1;   ///< the same of an LQG law for a coarse model
 
   /// Waits until the motors have cooled so far that the tour has nearly the force that a playback has. The excitation
   /// and the pulses before have warmed them, and so has every tour.
@@ -190,11 +193,9 @@ class LawTrials {
   [[nodiscard]] bool try_plain() {
     law_.compensations = {};
     bool tried_any = false;
-    const bool coarse = result_.identification.coarse;
-    const auto shares = coarse ? std::span<const double>(kCoarsePlainShares) : std::span<const double>(kPlainShares);
-    for (const double share : shares) {
+    for (const double share : kPlainShares) {
       const PdGains stiff = stiff_gains(), gains{share * stiff.kp, std::sqrt(share) * stiff.kd};
-      const bool last = share == shares.back() && !tried_any;
+      const bool last = share == kPlainShares.back() && !tried_any;
       if (!last && !is_stable(lightest(), gains, kStiffMargin, plan_.rate_hz)) continue;
       tried_any = true;
       result_.design->plain = gains;
