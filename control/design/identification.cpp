@@ -944,8 +944,8 @@ Identification identify_slow_rows(const Experiment& experiment) {
 Identification identify_coarsely(const Experiment& experiment) {
   constexpr double kMostDelay = 2e-3;  // of an ordinary device; friction, backlash and cables seem to delay more [s]
   constexpr int kRounds = 4;
-  // What backlash leaves unexplained hides the waves of cables. On 48 random devices with it, feigned waves explained
-  // at most 0.015, and two thirds of the waves of 1 N more than 0.06.
+  // Backlash adds to the force that nothing explains, and so true waves explain less of it. On 48 random devices with
+  // backlash, false waves explained at most 0.015. Two thirds of the true waves of 1 N explained more than 0.06.
   constexpr CoggingShares kRequired{.near = 0.02, .everywhere = 0.018};
   Identification result = identify_slow_rows(experiment);
   const double delay = std::min(result.plant.delay, kMostDelay);

@@ -232,9 +232,9 @@ class CalibrationRun {
 
   /// Returns true if the full model fits. If not, makes a coarse model.
   [[nodiscard]] bool responds_like_a_mass() {
-    // With backlash and cables, a model may fit by chance. What it left unexplained of the response was at most 0.23 on
-    // 72 random devices without backlash or a tremor, and at least 0.31 on those with backlash and cables. A tremor
-    // makes it as large, but does not repeat over the place.
+    // With backlash and cables, a model may fit by chance. The unexplained fraction of the response then was at least
+    // 0.31. On 72 random devices without backlash or a tremor, it was at most 0.23. A tremor makes it as large, but its
+    // force does not repeat over the place.
     constexpr double kDoubtful = 0.3;
     const Experiment experiment = log_->experiment(plan_);
     Identification& full = result_.identification;

@@ -129,9 +129,8 @@ class LawTrials {
     if (!verdict.refused.empty()) accepted_.reset();
   }
 
-  /// Tries plain PD control with the feedforward of a coarse model, if it is calm without it: with which it is more
-  /// accurate, if the model is right, and then what the laws must be better than. Returns false if the user or the
-  /// device ended it.
+  /// Tries plain PD control with the feedforward of the model, if it was calm without it. If it is closer with it,
+  /// laws are compared with that from then on. Returns false if the user or the device ended it.
   [[nodiscard]] bool feed_plain() {
     if (!result_.design->plain_calm) return true;
     law_.compensations.observer = false;
@@ -145,12 +144,12 @@ class LawTrials {
 
   static constexpr double kMostRipple = 0.04;  ///< share of the largest force
   /// Share of the largest force for a coarse model, up to kMostFelt if that is more than usual. Within a backlash,
-  /// every stiff loop oscillates a little, stiff PD control most of all. What the guard does not report counts by its
-  /// ripple alone.
+  /// every stiff loop oscillates a little, and stiff PD control does so most. An oscillation that the guard does not
+  /// report is therefore judged only by its ripple.
   static constexpr double kMostCoarseRipple = 0.15, kMostFelt = 1.5;  // [N]
   static constexpr double kSofterRipple = 0.7;  ///< ripple of the second LQG law for a coarse model
   static constexpr double kStiffMargin = 1.2;   ///< of plain PD control on the free device
-  /// Of the stiffness of stiff PD control. Between a stiffness that vibrated and one that is kept is a factor of two.
+  /// Of the stiffness of stiff PD control. If one vibrates, the next is half of it, so that there is a margin.
   static constexpr std::array kPlainShares{1.0, 0.5, 0.25};
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
   static constexpr double kClearly = 1.1;   ///< the same of an LQG law for a coarse model

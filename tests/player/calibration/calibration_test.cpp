@@ -281,6 +281,13 @@ SimSpec slack_device() {
   return spec;
 }
 
+/// Calibrates a device of the ensemble that has every hard property.
+CalibrationResult calibrated_draw(std::uint64_t index, const CalibrationOptions& chosen = whole()) {
+  const EnsembleDraw draw = draw_device(1, index, EnsembleKind::everything);
+  SimDevice device(draw.spec, {.seed = draw.noise_seed});
+  return calibrated(device, chosen);
+}
+
 TEST(Calibration, FindsMassAndCablesBehindABacklash) {
   const SimSpec spec = slack_device();
   SimDevice device(spec);
@@ -324,9 +331,7 @@ TEST(Calibration, TriesLqgLawsForACoarseModelAndKeepsWhatIsClosest) {
 
   CalibrationOptions in_the_middle = whole();
   in_the_middle.places = false;
-  const EnsembleDraw draw = draw_device(1, 4, EnsembleKind::everything);
-  SimDevice untried(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult quick = calibrated(untried, in_the_middle);
+  const CalibrationResult quick = calibrated_draw(4, in_the_middle);
   ASSERT_TRUE(quick.succeeded()) << quick.reason;
   ASSERT_TRUE(quick.identification.coarse);
   EXPECT_FALSE(quick.held) << "nothing tried an LQG law";
@@ -334,9 +339,7 @@ TEST(Calibration, TriesLqgLawsForACoarseModelAndKeepsWhatIsClosest) {
 }
 
 TEST(Calibration, TakesStiffPdControlForCalmThatOscillatesWithinABacklashOnly) {
-  const EnsembleDraw draw = draw_device(1, 4, EnsembleKind::everything);
-  SimDevice device(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult result = calibrated(device, whole());
+  const CalibrationResult result = calibrated_draw(4);
   ASSERT_TRUE(result.succeeded()) << result.reason;
   ASSERT_TRUE(result.identification.coarse);
   EXPECT_TRUE(result.design->plain_calm);
@@ -345,9 +348,7 @@ TEST(Calibration, TakesStiffPdControlForCalmThatOscillatesWithinABacklashOnly) {
 }
 
 TEST(Calibration, MakesACoarseModelOfADeviceWhoseFullOneFitsOnlyByChance) {
-  const EnsembleDraw draw = draw_device(1, 17, EnsembleKind::everything);
-  SimDevice device(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult result = calibrated(device, whole());
+  const CalibrationResult result = calibrated_draw(17);
   ASSERT_TRUE(result.succeeded()) << result.reason;
   EXPECT_TRUE(result.identification.coarse);
   EXPECT_THAT(result.doubt, HasSubstr("forces that repeat over the place"));
@@ -355,11 +356,9 @@ TEST(Calibration, MakesACoarseModelOfADeviceWhoseFullOneFitsOnlyByChance) {
 }
 
 TEST(Calibration, LeavesPlainPdControlToACoarseModelOfWhichNoLawIsStable) {
-  const EnsembleDraw draw = draw_device(1, 22, EnsembleKind::everything);
-  SimDevice device(draw.spec, {.seed = draw.noise_seed});
   CalibrationOptions without_lqg = whole();
   without_lqg.laws = false;
-  const CalibrationResult result = calibrated(device, without_lqg);
+  const CalibrationResult result = calibrated_draw(22, without_lqg);
   ASSERT_TRUE(result.succeeded()) << result.reason;
   EXPECT_EQ(result.bandwidth, 0);
   EXPECT_EQ(result.trials, 4);
@@ -368,8 +367,7 @@ TEST(Calibration, LeavesPlainPdControlToACoarseModelOfWhichNoLawIsStable) {
 
   CalibrationOptions in_the_middle = whole();
   in_the_middle.places = false;
-  SimDevice again(draw.spec, {.seed = draw.noise_seed});
-  const CalibrationResult untried = calibrated(again, in_the_middle);
+  const CalibrationResult untried = calibrated_draw(22, in_the_middle);
   EXPECT_FALSE(untried.succeeded()) << "nothing tried plain PD control";
   EXPECT_THAT(untried.reason, HasSubstr("a control law for a coarse model failed"));
 }
