@@ -55,7 +55,8 @@ HandKnown parse_hand_known(std::string_view name) {
 HeldDevice held_device(const Identification& identified, const HeldIdentification& held, double rate_hz,
                        double max_force) {
   HeldDevice device{.margin = held.margin, .position_noise = measured_noise(identified.plant)};
-  const double most = most_ripple(max_force), fine = std::min(kFineRipple / std::numbers::sqrt3, most);
+  const auto axes = static_cast<double>(std::max<Eigen::Index>((identified.plant.mass.array() > 0).count(), 1));
+  const double most = most_ripple(max_force), fine = std::min(kFineRipple / std::sqrt(axes), most);
   device.ripple = std::clamp(device.position_noise * plain_ripple(rate_hz), fine, most);
   if (held.held.held()) {
     device.model = held.held;

@@ -129,15 +129,15 @@ class LawTrials {
     if (!verdict.refused.empty()) accepted_.reset();
   }
 
-  /// Tries plain PD control with the feedforward of the model, if it was calm without it. If it is closer with it,
-  /// laws are compared with that from then on. Returns false if the user or the device ended it.
+  /// Tries plain PD control with the feedforward of the model, if it was calm without it. If it is as calm and closer
+  /// with it, laws are compared with that from then on. Returns false if the user or the device ended it.
   [[nodiscard]] bool feed_plain() {
     if (!result_.design->plain_calm) return true;
     law_.compensations.observer = false;
     const TourResult fed = tried();
     law_.compensations = PlayOptions{}.compensations;
     if (ended(fed)) return false;
-    result_.design->plain_bare = !fed.finished() || error_ratio(fed, plain_) > 1;
+    result_.design->plain_bare = !is_calm(fed, cogging_ripple()) || error_ratio(fed, plain_) > 1;
     if (!result_.design->plain_bare) plain_ = fed;
     return true;
   }
@@ -200,13 +200,18 @@ class LawTrials {
       result_.design->plain = gains;
       plain_ = tried();
       if (ended(plain_)) return false;
-      result_.design->plain_calm =
-          plain_.finished() && plain_.oscillations == 0 && std::ranges::max(plain_.ripple) <= most_ripple_;
+      result_.design->plain_calm = is_calm(plain_);
       if (result_.design->plain_calm) break;
       if (share == 1) stiff_ = plain_;
     }
     law_.compensations = PlayOptions{}.compensations;
     return true;
+  }
+
+  /// `known_ripple` is that of the force that is fed forward [N].
+  [[nodiscard]] bool is_calm(const TourResult& toured, double known_ripple = 0) const {
+    return toured.finished() && toured.oscillations == 0 &&
+           std::ranges::max(toured.ripple) <= std::hypot(most_ripple_, known_ripple);
   }
 
   /// Returns the identified device as it is where its mass is smallest.
