@@ -43,7 +43,7 @@ std::vector<double> padded_spectrum(std::span<const double> x, std::size_t lengt
   Eigen::FFT<double> fft;
   for (std::size_t r = 0; r <= repeats / 2; ++r) {
     const double turn = -2 * std::numbers::pi * static_cast<double>(r) / static_cast<double>(lines);
-    for (std::size_t i = 0; i < x.size(); ++i) turned[i] = std::polar(x[i], turn * static_cast<double>(i));
+    for (std::size_t i = 0; i < x.size(); ++i) turned[i] = x[i] * std::polar(1.0, turn * static_cast<double>(i));
     fft.fwd(spectrum, turned);
     for (std::size_t k = 0; k < length; ++k)
       for (const std::size_t line : {repeats * k + r, lines - repeats * k - r})

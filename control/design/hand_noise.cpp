@@ -66,6 +66,7 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
   };
   for (const Stretch& stretch : experiment.dithered) add(stretch);
   for (const ExperimentPlace& place : experiment.places) add(place.dithered);
+  if (estimator.windows().empty()) return {};
 
   const double tick = 1 / experiment.rate_hz, of_density = 4 / dither.period();
   std::vector<Remainder> rests;
@@ -73,7 +74,7 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
     const auto i = static_cast<std::size_t>(axis);
     if (!experiment.axes[i] || !(held.mass[axis] > 0)) continue;
     for (std::size_t k = 0; k < free; ++k) {
-      const double w = estimator.windows().empty() ? 0 : estimator.windows().front()[k].w;
+      const double w = estimator.windows().front()[k].w;
       const Complex s(0, w);
       const HeldResponse response = held_response(held.hand[i], held.link[i], s);
       const Complex stiffness = held.mass[axis] * s * s + held.viscous[axis] * s + response.impedance;
