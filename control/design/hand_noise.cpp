@@ -117,7 +117,10 @@ class TremorFit {
     const auto n = static_cast<double>(rests_.size());
     result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
     const double tremor = std::exp(best[0]);
-    if (!(result.evidence > kClearTremor && tremor > kLeastTremor)) return result;
+    // Beyond the range, it is something else: cables that pass at a steady speed, for one.
+    constexpr double kWithin = 0.97;
+    const bool of_a_hand = frequency(best) < kWithin * kMostTremorHz;
+    if (!(result.evidence > kClearTremor && tremor > kLeastTremor && of_a_hand)) return result;
     result.noise = {.drift = 0, .drift_hz = 0, .tremor = tremor, .tremor_hz = frequency(best)};
     result.half_width = {.drift = 0,
                          .drift_hz = 0,

@@ -583,12 +583,28 @@ std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {
 
 namespace {
 
-/// Returns the largest force of the waves together [N].
-double cogging_of(const PlantModel& plant) {
-  double sum = 0;
+/// Returns what of a model takes more force than the device has, `most` [N]; empty if nothing does. Feedforward is not
+/// watched for vibration, so no force of the model may be beyond the device.
+std::string beyond(const PlantModel& plant, double most) {
+  // Less than any movement has: a model that takes more for it is not of a device that moved.
+  constexpr double kAcceleration = 0.5, kSpeed = 0.1, kWay = 0.01;  // [m/s^2], [m/s], [m]
+  double cogging = 0;
   if (plant.cogging)
-    for (const CoggingWave& wave : plant.cogging->waves) sum += wave.amplitude();
-  return sum;
+    for (const CoggingWave& wave : plant.cogging->waves) cogging += wave.amplitude();
+  const double friction = std::max(plant.coulomb.maxCoeff(), plant.actuators ? plant.actuators->coulomb.maxCoeff() : 0);
+  const struct {
+    const char* what;
+    double force;  // [N]
+  } parts[] = {{"cogging", cogging},
+               {"friction", friction},
+               {"gravity", plant.gravity.norm()},
+               {"change of gravity within 10 mm", kWay * plant.gravity_gradient.cwiseAbs().maxCoeff()},
+               {"damping at 0.1 m/s", kSpeed * plant.viscous.maxCoeff()},
+               {"inertia at 0.5 m/s^2", kAcceleration * plant.mass.maxCoeff()}};
+  for (const auto& part : parts)
+    if (part.force > most)
+      return fmt::format("{} of {:.1f} N is beyond the device's {:.1f} N", part.what, part.force, most);
+  return "";
 }
 
 }  // namespace
@@ -617,9 +633,9 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
   if (age < -kClocksDiffer)
     return fmt::format("the profile is from {}, which is in the future: check the clock, or {}", profile.created,
                        kAgain);
-  // Feedforward is not watched for vibration: no force of the model may be beyond the device.
-  if (const double cogging = cogging_of(profile.plant), most = profile.facts.max_force; most > 0 && cogging > most)
-    return fmt::format("the profile's cogging of {:.1f} N is beyond the device's {:.1f} N; {}", cogging, most, kAgain);
+  if (const double most = profile.facts.max_force; most > 0)
+    if (const std::string excess = beyond(profile.plant, most); !excess.empty())
+      return fmt::format("the profile's {}; {}", excess, kAgain);
   if (!(age <= kProfileLifetime))
     return fmt::format("the profile is {:.0f} days old, but it is valid for {:.0f} days only; {}", age / 86400,
                        kProfileLifetime / 86400, kAgain);

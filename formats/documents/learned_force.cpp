@@ -136,7 +136,7 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
 }
 
 std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
-                          double speed, const Vec3& mass) {
+                          double speed, const Vec3& mass, double max_force) {
   if (learned.device != device)
     return fmt::format("it was learned on another device, {} {}", learned.device.model, learned.device.serial);
   if (learned.path_digest != path_digest) return "it was learned on another path";
@@ -144,6 +144,10 @@ std::string check_learned(const LearnedPath& learned, const DeviceIdentity& devi
     return fmt::format("it was learned at {} times the path's speed", learned.speed);
   if ((learned.mass - mass).norm() > kSameMass * mass.norm())
     return "a later calibration of the device found another mass";
+  for (const Vec3& force : learned.table.force)
+    if (max_force > 0 && force.norm() > max_force)
+      return fmt::format("it contains a force of {:.1f} N, beyond the device's {:.1f} N; learn again (--forget)",
+                         force.norm(), max_force);
   return {};
 }
 

@@ -12,8 +12,8 @@
 
 namespace haptrace {
 
-LearnedMemory::LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass)
-    : file_(std::move(file)), device_(std::move(device)), speed_(speed), mass_(mass) {}
+LearnedMemory::LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass, double max_force)
+    : file_(std::move(file)), device_(std::move(device)), speed_(speed), mass_(mass), max_force_(max_force) {}
 
 LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
   std::optional<LearnedPath> learned;
@@ -23,7 +23,8 @@ LearnedMemory::Recalled LearnedMemory::recall(const PathSource& path) {
     return {{}, fmt::format("{}; the learned forces are not used", error.what())};
   }
   if (!learned) return {};
-  if (const std::string reason = check_learned(*learned, device_, digest_of(path), speed_, mass_); !reason.empty())
+  if (const std::string reason = check_learned(*learned, device_, digest_of(path), speed_, mass_, max_force_);
+      !reason.empty())
     return {{}, fmt::format("{} is not used: {}", file_, reason)};
   repetitions_ = learned->repetitions;
   return {std::move(learned->table), ""};
@@ -55,7 +56,8 @@ void LearnedMemory::keep(const PlayResult& result) const {
 
 std::optional<LearnedMemory> learned_memory_of(const DeviceInfo& device, const PlayOptions& options, std::string file) {
   if (!options.identified || !options.compensations.learning) return std::nullopt;
-  return LearnedMemory(std::move(file), identity_of(device), options.playback.speed, options.identified->design.mass);
+  return LearnedMemory(std::move(file), identity_of(device), options.playback.speed, options.identified->design.mass,
+                       device.max_force);
 }
 
 }  // namespace haptrace

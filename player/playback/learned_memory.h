@@ -22,8 +22,8 @@ namespace haptrace {
 class LearnedMemory {
  public:
   /// `file`: from learned_file or any other name. The learned forces hold for this device, at `speed` relative to the
-  /// path's own, with inertia compensation for `mass` [kg].
-  LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass);
+  /// path's own, with inertia compensation for `mass` [kg]. The device has `max_force` [N]; 0: not known.
+  LearnedMemory(std::string file, DeviceIdentity device, double speed, const Vec3& mass, double max_force = 0);
 
   struct Recalled {
     ForceTable table;     ///< empty when nothing was stored or the stored forces do not apply
@@ -50,6 +50,7 @@ class LearnedMemory {
   DeviceIdentity device_;
   double speed_;
   Vec3 mass_;
+  double max_force_;
   int repetitions_ = 0;  ///< repetitions behind the recalled forces
 };
 

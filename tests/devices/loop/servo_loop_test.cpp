@@ -125,6 +125,23 @@ TEST(ServoLoop, FadesForcesInAndOut) {
   EXPECT_NEAR(static_cast<double>(samples.size()), 1200, 2);
 }
 
+TEST(ServoLoop, FadesInAndOutAsSlowlyIfFarTooMuchForceIsRequested) {
+  for (const double request : {20.0, 1e9}) {
+    PointMass device;
+    Scripted controller = push_until(300, Vec3(0, request, 0));
+    const Outcome result =
+        run(device, controller,
+            {.virtual_time = true, .limits = {.max_force = 4, .max_velocity = 0, .soft_start = 0.1, .release = 0.2}});
+    const auto& samples = result.log.samples;
+    ASSERT_GT(samples.size(), 450U);
+    EXPECT_NEAR(samples[50].force.y(), 2, 0.1) << request;
+    EXPECT_NEAR(samples[200].force.y(), 4, 1e-9) << request;
+    EXPECT_NEAR(samples[400].force.y(), 2, 0.1) << request;
+    for (std::size_t i = 1; i < samples.size(); ++i)
+      EXPECT_LT(std::abs(samples[i].force.y() - samples[i - 1].force.y()), 0.05) << request;
+  }
+}
+
 TEST(ServoLoop, ReportsNoReleasedHandWhereItRemovedTheForceItself) {
   for (const std::uint64_t let_go : {500U, 1050U}) {
     PointMass device;

@@ -391,6 +391,16 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   EXPECT_EQ(check_profile(profile, profile.device, profile.facts, 1000, kMade), "");
   profile.facts.max_force = 9;
   expect(check_profile(profile, profile.device, profile.facts, 1000, kMade), "cogging of 10.0 N is beyond");
+  const auto expect_beyond = [&](const auto& change, const char* reason) {
+    DeviceProfile absurd = example();
+    change(absurd.plant);
+    expect(verdict(absurd), reason);
+  };
+  expect_beyond([](PlantModel& plant) { plant.coulomb.y() = 50; }, "friction of 50.0 N is beyond");
+  expect_beyond([](PlantModel& plant) { plant.gravity.z() = -30; }, "gravity of 30");
+  expect_beyond([](PlantModel& plant) { plant.gravity_gradient(0, 0) = -1e5; }, "within 10 mm of 1000.0 N");
+  expect_beyond([](PlantModel& plant) { plant.viscous.x() = 1000; }, "damping at 0.1 m/s of 100.0 N");
+  expect_beyond([](PlantModel& plant) { plant.mass.x() = 400; }, "inertia at 0.5 m/s^2 of 200.0 N");
   expect(verdict(example(), 1000, 181), "181 days old, but it is valid for 180 days only");
   profile = example();
   profile.created = "yesterday";

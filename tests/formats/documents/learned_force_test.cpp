@@ -69,11 +69,14 @@ TEST(LearnedForceFile, IsSavedInTheWorkingFolderIfItsNameHasNoFolder) {
 
 TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotApply) {
   const LearnedPath l = learned();
-  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 0.5, l.mass), IsEmpty());
-  EXPECT_THAT(check_learned(l, {"sim", "Novint Falcon", "5678"}, l.path_digest, 0.5, l.mass), HasSubstr("device"));
-  EXPECT_THAT(check_learned(l, kDevice, "other", 0.5, l.mass), HasSubstr("path"));
-  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 1, l.mass), HasSubstr("0.5 times"));
-  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 0.5, 1.3 * l.mass), HasSubstr("another mass"));
+  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 0.5, l.mass, 9), IsEmpty());
+  EXPECT_THAT(check_learned(l, {"sim", "Novint Falcon", "5678"}, l.path_digest, 0.5, l.mass, 9), HasSubstr("device"));
+  EXPECT_THAT(check_learned(l, kDevice, "other", 0.5, l.mass, 9), HasSubstr("path"));
+  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 1, l.mass, 9), HasSubstr("0.5 times"));
+  EXPECT_THAT(check_learned(l, kDevice, l.path_digest, 0.5, 1.3 * l.mass, 9), HasSubstr("another mass"));
+  LearnedPath damaged = l;
+  damaged.table.force.back() = Vec3(0, -12, 0);
+  EXPECT_THAT(check_learned(damaged, kDevice, l.path_digest, 0.5, l.mass, 9), HasSubstr("a force of 12.0 N, beyond"));
 }
 
 TEST(LearnedForceFile, NamesTheFileAndTheKeyThatIsWrong) {
