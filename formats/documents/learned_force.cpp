@@ -144,9 +144,10 @@ std::string check_learned(const LearnedPath& learned, const DeviceIdentity& devi
     return fmt::format("it was learned at {} times the path's speed", learned.speed);
   if ((learned.mass - mass).norm() > kSameMass * mass.norm())
     return "a later calibration of the device found another mass";
+  constexpr double kMost = 2;  // a hand may pull with more force than the device has
   for (const Vec3& force : learned.table.force)
-    if (max_force > 0 && force.norm() > max_force)
-      return fmt::format("it contains a force of {:.1f} N, beyond the device's {:.1f} N; learn again (--forget)",
+    if (max_force > 0 && force.norm() > kMost * max_force)
+      return fmt::format("it contains a force of {:.1f} N, far beyond the device's {:.1f} N; learn again (--forget)",
                          force.norm(), max_force);
   return {};
 }
