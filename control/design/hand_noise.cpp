@@ -6,10 +6,13 @@
 #include "control/ripple.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <map>
 #include <numbers>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -25,12 +28,14 @@ constexpr double kLeastTremorHz = 3.5, kMostTremorHz = 17;
 constexpr double kClearTremor = 10;    // evidence
 constexpr double kLeastTremor = 0.15;  // a healthy hand has less [N]
 
+// Dampings of the tremors that are looked for: that of the model, and one as narrow as a tremor of an illness.
+constexpr std::array kDampings{HandNoise::kTremorDamping, 0.04};
+
 /// Returns the two-sided spectral density of a tremor of 1 N at `tremor_hz` [1/Hz].
-double tremor_density(double tremor_hz, double w) {
-  constexpr double kZeta = HandNoise::kTremorDamping;
+double tremor_density(double tremor_hz, double w, double damping = HandNoise::kTremorDamping) {
   const double natural = kTwoPi * tremor_hz;
-  return 4 * kZeta * natural * natural * natural /
-         std::norm(Complex(natural * natural - w * w, 2 * kZeta * natural * w));
+  return 4 * damping * natural * natural * natural /
+         std::norm(Complex(natural * natural - w * w, 2 * damping * natural * w));
 }
 
 /// One observation between the lines.
@@ -95,7 +100,9 @@ std::vector<Remainder> rests_of(const Experiment& experiment, const HeldModel& h
 
 class TremorFit {
  public:
-  TremorFit(std::vector<Remainder> rests, double period) : rests_(std::move(rests)), of_density_(4 / period) {
+  /// Borrows `rests`.
+  TremorFit(std::span<const Remainder> rests, double period, double damping)
+      : rests_(rests), damping_(damping), of_density_(4 / period) {
     for (const Remainder& rest : rests_) mean_ += rest.power / static_cast<double>(rests_.size());
   }
 
@@ -105,7 +112,7 @@ class TremorFit {
     const auto without = minimised<1>([&](const auto& p) { return cost(0, 1, std::exp(p[0])); }, {floor}, {1}, 60);
     Point best{};
     double least = std::numeric_limits<double>::infinity();
-    for (const double hz : {5.0, 7.5, 10.5}) {
+    for (const double hz : {5.0, 7.5, 10.5, strongest()}) {
       const Point found = minimised<3>([&](const Point& p) { return cost(p); },
                                        {std::log(0.3), std::log(hz), floor - 2}, {0.7, 0.2, 1}, kEvaluations);
       if (const double value = cost(found); value < least) {
@@ -116,7 +123,7 @@ class TremorFit {
     HandNoiseIdentification result;
     const auto n = static_cast<double>(rests_.size());
     result.evidence = 2 * (cost(0, 1, std::exp(without[0])) - least) - 2 * std::log(n);
-    const double tremor = std::exp(best[0]);
+    const double tremor = damping_ < HandNoise::kTremorDamping ? around(best) : std::exp(best[0]);
     // Beyond the range, it is something else: cables that pass at a steady speed, for one.
     constexpr double kWithin = 0.97;
     const bool of_a_hand = frequency(best) < kWithin * kMostTremorHz;
@@ -141,10 +148,34 @@ class TremorFit {
     double sum = 0;
     for (const Remainder& rest : rests_) {
       const double expected =
-          of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w) + floor) + rest.known;
+          of_density_ * (rest.passes * tremor * tremor * tremor_density(tremor_hz, rest.w, damping_) + floor) +
+          rest.known;
       sum += std::log(expected) + rest.power / expected;
     }
     return sum;
+  }
+
+  /// Returns the rms of the tremor from the power within a window's resolution of its frequency [N]. The density at
+  /// the frequencies alone would make a tremor too small that is narrower than the resolution.
+  [[nodiscard]] double around(const Point& best) const {
+    std::map<double, std::pair<double, int>> powers;
+    for (const Remainder& rest : rests_) {
+      if (!(std::abs(rest.w - kTwoPi * frequency(best)) < 1.5 * 0.25 * kTwoPi * of_density_)) continue;
+      auto& [sum, count] = powers[rest.w];
+      sum += (rest.power - rest.known - of_density_ * std::exp(best[2])) / rest.passes;
+      ++count;
+    }
+    double squares = 0;
+    for (const auto& [w, power] : powers) squares += 0.5 * power.first / power.second;
+    return std::sqrt(std::max(squares, 0.0));
+  }
+
+  /// Returns the frequency at which the force of the hand is largest [Hz].
+  [[nodiscard]] double strongest() const {
+    std::map<double, double> powers;
+    for (const Remainder& rest : rests_) powers[rest.w] += rest.power / rest.passes;
+    const auto less = [](const auto& a, const auto& b) { return a.second < b.second; };
+    return std::max_element(powers.begin(), powers.end(), less)->first / kTwoPi;
   }
 
   /// Returns the half width of the 95 % confidence interval of a logarithm, the other numbers held.
@@ -157,8 +188,8 @@ class TremorFit {
     return curvature > 0 ? std::min(1.0, kInterval95 / std::sqrt(curvature)) : 1;
   }
 
-  std::vector<Remainder> rests_;
-  double of_density_, mean_ = 0;
+  std::span<const Remainder> rests_;
+  double damping_, of_density_, mean_ = 0;
 };
 
 }  // namespace
@@ -167,9 +198,14 @@ HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const 
                                             const PlantModel& plant) {
   if (experiment.dither == nullptr) return {};
   constexpr std::size_t kFewest = 24;
-  std::vector<Remainder> rests = rests_of(experiment, held, plant);
+  const std::vector<Remainder> rests = rests_of(experiment, held, plant);
   if (rests.size() < kFewest) return {};
-  return TremorFit(std::move(rests), experiment.dither->period()).run();
+  HandNoiseIdentification best;
+  for (const double damping : kDampings) {
+    const HandNoiseIdentification found = TremorFit(rests, experiment.dither->period(), damping).run();
+    if (damping == kDampings.front() || found.evidence > best.evidence) best = found;
+  }
+  return best;
 }
 
 TremorForce tremor_at_motors(const HeldModel& held) noexcept {

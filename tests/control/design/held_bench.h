@@ -24,7 +24,7 @@ struct HeldBench {
   Vec3 hand{0.15, 0.18, 0.14}, grip{800, 700, 900}, grip_damping{4, 5, 4};
   double arm = 40, arm_damping = 2, relaxation = 0.5;
   double drift = 0.15, drift_hz = 0.8, tremor = 0.04, tremor_hz = 8.5;
-  double tremor_damping = HandNoise::kTremorDamping;
+  double tremor_damping = HandNoise::kTremorDamping;  ///< 0: a sine
   LinkModel link;
   double excitation = 1;  ///< rms [N]
   unsigned seed = 1;
@@ -73,6 +73,7 @@ struct HeldBench {
       rate_[axis] += dt * (-2 * zeta * w * rate_[axis] - w * w * shake_[axis]) +
                      tremor * std::sqrt(4 * zeta * w * w * w * dt) * normal_(random_);
       shake_[axis] += dt * rate_[axis];
+      if (zeta == 0) shake_[axis] = std::sqrt(2) * tremor * std::sin(w * time + 1.1 * axis);
     }
     constexpr int kSteps = 40;
     const double h = dt / kSteps, decay = std::exp(-h / lag), arm_decay = std::exp(-h / relaxation);
