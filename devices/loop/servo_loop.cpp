@@ -562,7 +562,7 @@ class ServoLoop::Session {
     push_event(time_ns, event);
   }
 
-  /// Turns the requested force into the force to send: limits it, then fades it, so that no request makes a step.
+  /// Turns the requested force into the force to send: fades it, then limits it.
   void shape(const Command& command, const State& state) noexcept {
     const SafetyLimits& limits = loop_.options_.limits;
     const double dt = first_ ? 0 : state.dt;
@@ -597,10 +597,14 @@ class ServoLoop::Session {
       if (!device.torque_axes[i]) asked.torque[axis] = 0;
     }
     ForceLimiter::Result torque{Vec3::Zero(), 0, 0, ForceLimiter::Verdict::free};
-    if (takes_torque_) torque = torque_limiter_.limit(asked.torque);
-    const auto [force, share] = limited(asked.force, fault_wrench_ ? fault_support_ : command.support);
-    wrench_ = {scale * force.force, scale * torque.force};
-    support_ *= scale;
+    if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
+    // While forces fade, an absurd request must not reach the limit at once. A hand that pulls may ask for more than
+    // the limit, since a part of it acts.
+    constexpr double kMostAsked = 4;  // of the limit
+    if (scale < 1 && limits.max_force > 0) asked.force = shortened(asked.force, kMostAsked * limits.max_force);
+    const auto [force, share] =
+        limited(scale * asked.force, scale * (fault_wrench_ ? fault_support_ : command.support));
+    wrench_ = {force.force, torque.force};
     share_ = scale * share * (guard_ ? guard_->share() : 1);
     if (force.verdict != ForceLimiter::Verdict::free) tell_of_limit(force, state.time_ns);
     if (torque.verdict == ForceLimiter::Verdict::continuous) tell_of_torque(torque, state.time_ns);
