@@ -23,11 +23,11 @@ struct HandNoiseIdentification {
 ///
 ///     4 / period (|h|^2 S_t + c^2 + |m s^2 + b s + z|^2 S_y),   S_t = 4 zeta w^3 tremor^2 / |w^2 + 2 zeta w s + s^2|^2
 ///
-/// S_y: the noise of the positions of `plant`. c^2 takes what else differs from window to window. At the harmonics of
-/// the movement under the excitation, the friction of the plant adds the square of 4 F_c / (pi n) for harmonic n. Of
-/// the dampings 0.3 and 0.04, the likelier one counts: many tremors of an illness are narrow. A tremor is accepted if
-/// its evidence is clear, it is above 0.15 N, since a healthy hand has less, and it is below 16.5 Hz, since no hand
-/// trembles faster. Not real-time: it allocates.
+/// S_y: the noise of the positions of `plant`. c^2 takes what else differs from window to window. At the harmonics
+/// of the movement under the excitation, the friction of the plant adds the square of 4 F_c / (pi n) for harmonic
+/// n. zeta is 0.3, or 0.04 where that is likelier and the tremor then larger: many tremors of an illness are
+/// narrow. A tremor is accepted if its evidence is clear, it is above 0.15 N, since a healthy hand has less, and it
+/// is below 16.5 Hz, since no hand trembles faster. Not real-time: it allocates.
 HandNoiseIdentification identify_hand_noise(const Experiment& experiment, const HeldModel& held,
                                             const PlantModel& plant);
 
