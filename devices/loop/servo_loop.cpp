@@ -20,6 +20,9 @@
 namespace haptrace {
 namespace {
 
+// While forces fade, an absurd request must not reach the limit at once. A law may ask for more than the limit, since
+// only a part of it acts.
+constexpr double kMostAsked = 4;                         // share of the limit
 constexpr double kFlightRecord = 0.2;                    // [s]
 constexpr double kFaultFade = 0.05;                      // time over which the last good force fades after a fault [s]
 constexpr double kEventSpacing = 1.0;                    // time between two events of a limit that binds repeatedly [s]
@@ -598,9 +601,6 @@ class ServoLoop::Session {
     }
     ForceLimiter::Result torque{Vec3::Zero(), 0, 0, ForceLimiter::Verdict::free};
     if (takes_torque_) torque = torque_limiter_.limit(scale * asked.torque);
-    // While forces fade, an absurd request must not reach the limit at once. A hand that pulls may ask for more than
-    // the limit, since a part of it acts.
-    constexpr double kMostAsked = 4;  // of the limit
     if (scale < 1 && limits.max_force > 0) asked.force = shortened(asked.force, kMostAsked * limits.max_force);
     const auto [force, share] =
         limited(scale * asked.force, scale * (fault_wrench_ ? fault_support_ : command.support));
