@@ -158,9 +158,10 @@ class TremorFit {
   /// Returns the rms of the tremor from the power within a window's resolution of its frequency [N]. The density at
   /// the frequencies alone would make a tremor too small that is narrower than the resolution.
   [[nodiscard]] double around(const Point& best) const {
+    const double resolution = kTwoPi * of_density_ / 4;  // of a window [rad/s]
     std::map<double, std::pair<double, int>> powers;
     for (const Remainder& rest : rests_) {
-      if (!(std::abs(rest.w - kTwoPi * frequency(best)) < 1.5 * 0.25 * kTwoPi * of_density_)) continue;
+      if (!(std::abs(rest.w - kTwoPi * frequency(best)) < 1.5 * resolution)) continue;
       auto& [sum, count] = powers[rest.w];
       sum += (rest.power - rest.known - of_density_ * std::exp(best[2])) / rest.passes;
       ++count;

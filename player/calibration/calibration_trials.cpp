@@ -149,7 +149,8 @@ class LawTrials {
   static constexpr double kMostCoarseRipple = 0.15, kMostFelt = 1.5;  // [N]
   static constexpr double kSofterRipple = 0.7;  ///< ripple of the second LQG law for a coarse model
   static constexpr double kStiffMargin = 1.2;   ///< of plain PD control on the free device
-  /// Of the stiffness of stiff PD control. If one vibrates, the next is half of it, so that there is a margin.
+  /// Stiffnesses that are tried, as shares of that of stiff PD control. After one that vibrates, half of it leaves a
+  /// margin.
   static constexpr std::array kPlainShares{1.0, 0.5, 0.25};
   static constexpr double kWorthwhile = 2;  ///< least improvement of a law after another one was refused
   static constexpr double kClearly = 1.1;   ///< the same of an LQG law for a coarse model

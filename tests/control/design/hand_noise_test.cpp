@@ -49,7 +49,7 @@ TEST(HandNoise, FindsNoTremorWhereThereIsNone) {
 }
 
 TEST(HandNoise, FindsATremorAtHarmonicsOfTheMovementAndAlongOneAxis) {
-  for (const double hz : {8.0, 28 / 3.0, 12.0, 14.0}) {
+  for (const double hz : {8.0, 28 / 3.0, 12.0, 14.0, 15.5}) {
     HeldBench bench;
     bench.tremor = 0.7;
     bench.tremor_hz = hz;
