@@ -72,7 +72,7 @@ std::string row(const char* name, const char* unit, const CalibrationPlan& plan,
                 int digits) {
   std::string text = fmt::format("  {:<18}", name);
   for (int axis = 0; axis < 3; ++axis)
-    text += plan.axes[static_cast<std::size_t>(axis)]
+    text += plan.axes[static_cast<std::size_t>(axis)] && (value[axis] != 0 || half[axis] != 0)  // otherwise unknown
                 ? fmt::format("  {:>7.{}f} +- {:<6.{}f}", value[axis], digits, half[axis], digits)
                 : fmt::format("  {:>17}", "-");
   return text + "  " + unit + "\n";

@@ -105,6 +105,8 @@ class Required {
 // Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
 constexpr double kMostLead = 5e-3;  // of a delay that noise made negative [s]
+constexpr double kMostDelay = 0.1;  // with more, nothing follows a hand [s]
+constexpr double kLeastKnown = 1;   // half width of a delay of which nothing is known [s]
 
 Eigen::Matrix3d matrix_from(JsonReader reader, double most = kLargest) {
   Required rows(reader);
@@ -153,7 +155,7 @@ Cogging cogging_from(JsonReader reader) {
   return cogging;
 }
 
-PlantModel plant_from(JsonReader reader) {
+PlantModel plant_from(JsonReader reader, double most_delay = kMostDelay) {
   Required required(reader);
   PlantModel plant;
   plant.mass = required.vector("mass_kg", 0, kLargest);
@@ -161,7 +163,7 @@ PlantModel plant_from(JsonReader reader) {
   plant.coulomb = required.vector("coulomb_n", 0, kLargest);
   plant.gravity = required.vector("gravity_n", -kLargest, kLargest);
   plant.gravity_gradient = matrix_from(required.object("gravity_gradient_n_per_m"));
-  plant.delay = required.number("delay_s", -kMostLead, 1);
+  plant.delay = required.number("delay_s", -kMostLead, most_delay);
   plant.position_resolution = required.number("position_resolution_m", 0, 1);
   plant.position_noise = required.number("position_noise_m", 0, 1);
   if (auto actuators = reader.object("actuators")) plant.actuators = actuators_from(std::move(*actuators));
@@ -189,16 +191,16 @@ LawVerdict verdict_from(JsonReader reader) {
   return verdict;
 }
 
-TrackingDesign design_from(JsonReader reader) {
+TrackingDesign design_from(JsonReader reader, double rate_hz) {
   Required required(reader);
   TrackingDesign design;
   design.gains = {required.vector("kp", 0, kLargestKp), required.vector("kd", 0, kLargestKd)};
   design.largest = {required.vector("largest_kp", 0, kLargestKp), required.vector("largest_kd", 0, kLargestKd)};
   design.plain = {required.vector("plain_kp", 0, kLargestKp), required.vector("plain_kd", 0, kLargestKd)};
   design.mass = required.vector("mass_kg", 0, kLargest);
-  design.delay = required.number("delay_s", -kMostLead, 1);
-  design.observer_hz = required.number("observer_hz", 0, kLargest);
-  design.load_hz = required.number("load_hz", 0, kLargest);
+  design.delay = required.number("delay_s", -kMostLead, kMostDelay);
+  design.observer_hz = required.number("observer_hz", 0, rate_hz / 2);
+  design.load_hz = required.number("load_hz", 0, rate_hz / 2);
   design.authority = required.number("authority_n", 0, kLargest);
   design.ripple = required.number("ripple_n", 0, kLargest);
   if (auto trial = reader.object("trial")) design.verdict = verdict_from(*trial);
@@ -254,11 +256,11 @@ json json_of(HeldModel held) {
 constexpr double kStrongestTremor = 10;                    // [N]
 constexpr double kSlowestTremor = 1, kFastestTremor = 20;  // [Hz]
 
-HeldModel held_from(JsonReader reader) {
+HeldModel held_from(JsonReader reader, double most_delay = kMostDelay) {
   Required required(reader);
   HeldModel held;
-  held.delay = required.number("delay_s", 0, 1);
-  held.lag = required.number("lag_s", 0, 1);
+  held.delay = required.number("delay_s", 0, most_delay);
+  held.lag = required.number("lag_s", 0, most_delay);
   JsonReader noise = required.object("noise");
   Required of_noise(noise);
   held.noise = {.drift = of_noise.number("drift_n", 0, kLargest),
@@ -283,13 +285,14 @@ HeldModel held_from(JsonReader reader) {
 struct NumberKey {
   const char* name;
   double LqgNumbers::*number;
+  double least = 1e-30, most = kLargest;
 };
 constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
                                                 {"drift_hz", &LqgNumbers::drift_hz},
                                                 {"force_noise_n_sqrt_s", &LqgNumbers::force_noise},
                                                 {"ripple_weight_m2_per_n2", &LqgNumbers::ripple_weight},
-                                                {"mass_factor", &LqgNumbers::mass_factor},
-                                                {"hand_share", &LqgNumbers::hand_share}}};
+                                                {"mass_factor", &LqgNumbers::mass_factor, 0.1, 10},
+                                                {"hand_share", &LqgNumbers::hand_share, 1e-3, 10}}};
 
 json json_of(const LqgDesign& design) {
   json object{{"error_m", design.figures.error},
@@ -320,7 +323,7 @@ LqgDesign lqg_design_from(JsonReader reader) {
     JsonReader object = required.object(name.c_str());
     Required of_axis(object);
     LqgNumbers& numbers = design.numbers[axis].emplace();
-    for (const NumberKey& key : kNumberKeys) numbers.*key.number = of_axis.number(key.name, 1e-30, kLargest);
+    for (const NumberKey& key : kNumberKeys) numbers.*key.number = of_axis.number(key.name, key.least, key.most);
     object.finish();
   }
   reader.finish();
@@ -368,7 +371,7 @@ HeldDevice held_device_from(JsonReader reader, TrackingDesign& design) {
   if (const HandNoise& noise = held.model.noise; noise.tremor > 0 && noise.tremor_hz < kSlowestTremor)
     throw input_error(fmt::format("{}: model: noise: tremor_hz is {}; with a tremor it must be from {} to {} Hz",
                                   reader.where(), noise.tremor_hz, kSlowestTremor, kFastestTremor));
-  held.half_width = held_from(required.object("half_width"));
+  held.half_width = held_from(required.object("half_width"), kLeastKnown);
   held.hand = parse_hand_known(required.text("hand_is"));
   held.margin = required.number("evidence", -1e300, 1e300);
   held.position_noise = required.number("position_noise_m", 0, 1);
@@ -490,13 +493,13 @@ DeviceProfile profile_from_json(const json& object, const std::string& where) {
   device.finish();
   profile.rate_hz = required.number("rate_hz", 1, kLargest);
   profile.plant = plant_from(required.object("plant"));
-  profile.half_width = plant_from(required.object("half_width"));
+  profile.half_width = plant_from(required.object("half_width"), kLeastKnown);
   profile.line_residual = required.number("line_residual", 0, kLargest);
   profile.sweep_residual = required.number("sweep_residual_n", 0, kLargest);
   profile.fits = required.boolean("fits");
   profile.coarse = reader.boolean("coarse", false);
   profile.reason = required.text("reason");
-  profile.design = design_from(required.object("design"));
+  profile.design = design_from(required.object("design"), profile.rate_hz);
   if (const auto held = reader.object("held")) profile.held = held_device_from(*held, profile.design);
   reader.finish();
   return profile;
@@ -583,11 +586,16 @@ std::optional<DeviceProfile> find_profile(const DeviceIdentity& device) {
 
 namespace {
 
-/// Returns what of a model takes more force than the device has, `most` [N]; empty if nothing does. Feedforward is not
-/// watched for vibration, so no force of the model may be beyond the device.
-std::string beyond(const PlantModel& plant, double most) {
+/// Returns what of the model takes more force than the device has; empty if nothing does, or if that is not known.
+/// Feedforward is not watched for vibration, so no force of the model may be beyond the device.
+std::string beyond(const DeviceProfile& profile) {
+  const PlantModel& plant = profile.plant;
+  const double most = profile.facts.max_force;
+  if (!(most > 0)) return "";
   // Less than any movement has: a model that takes more for it is not of a device that moved.
   constexpr double kAcceleration = 0.5, kSpeed = 0.1, kWay = 0.01;  // [m/s^2], [m/s], [m]
+  Vec3 mass = plant.mass;                                           // where it is largest
+  if (profile.held && profile.held->inertia) mass = mass.cwiseProduct(profile.held->inertia->range().second);
   double cogging = 0;
   if (plant.cogging)
     for (const CoggingWave& wave : plant.cogging->waves) cogging += wave.amplitude();
@@ -600,7 +608,7 @@ std::string beyond(const PlantModel& plant, double most) {
                {"gravity", plant.gravity.norm()},
                {"change of gravity within 10 mm", kWay * plant.gravity_gradient.cwiseAbs().maxCoeff()},
                {"damping at 0.1 m/s", kSpeed * plant.viscous.maxCoeff()},
-               {"inertia at 0.5 m/s^2", kAcceleration * plant.mass.maxCoeff()}};
+               {"inertia at 0.5 m/s^2", kAcceleration * mass.maxCoeff()}};
   for (const auto& part : parts)
     if (part.force > most)
       return fmt::format("{} of {:.1f} N is beyond the device's {:.1f} N", part.what, part.force, most);
@@ -633,9 +641,8 @@ std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& de
   if (age < -kClocksDiffer)
     return fmt::format("the profile is from {}, which is in the future: check the clock, or {}", profile.created,
                        kAgain);
-  if (const double most = profile.facts.max_force; most > 0)
-    if (const std::string excess = beyond(profile.plant, most); !excess.empty())
-      return fmt::format("the profile's {}; {}", excess, kAgain);
+  if (const std::string excess = beyond(profile); !excess.empty())
+    return fmt::format("the profile's {}; {}", excess, kAgain);
   if (!(age <= kProfileLifetime))
     return fmt::format("the profile is {:.0f} days old, but it is valid for {:.0f} days only; {}", age / 86400,
                        kProfileLifetime / 86400, kAgain);

@@ -4,8 +4,10 @@
 #include "base/json_reader.h"
 #include "base/output_file.h"
 
+#include <cmath>
 #include <filesystem>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace haptrace {
 namespace {
@@ -135,6 +137,26 @@ std::optional<LearnedPath> load_learned(const std::string& file) {
   return learned;
 }
 
+namespace {
+
+/// Returns true if forces [N] at equal steps [s] may come from learning, which low-passes: the power of their second
+/// differences, over their own, is below that of a sine at kFastest.
+bool is_low_passed(const std::vector<Vec3>& forces, double step) {
+  constexpr double kFastest = 40;  // [Hz]; learning passes at most 30
+  constexpr std::size_t kEnough = 50;
+  if (forces.size() < kEnough) return true;
+  Vec3 mean = Vec3::Zero();
+  for (const Vec3& force : forces) mean += force / static_cast<double>(forces.size());
+  double power = 0, rough = 0;
+  for (std::size_t i = 1; i + 1 < forces.size(); ++i) {
+    power += (forces[i] - mean).squaredNorm();
+    rough += (forces[i - 1] - 2 * forces[i] + forces[i + 1]).squaredNorm();
+  }
+  return rough <= std::pow(2 * std::sin(std::numbers::pi * std::min(kFastest * step, 0.5)), 4) * power;
+}
+
+}  // namespace
+
 std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
                           double speed, const Vec3& mass, double max_force) {
   if (learned.device != device)
@@ -149,6 +171,8 @@ std::string check_learned(const LearnedPath& learned, const DeviceIdentity& devi
     if (max_force > 0 && force.norm() > kMost * max_force)
       return fmt::format("it contains a force of {:.1f} N, far beyond the device's {:.1f} N; learn again (--forget)",
                          force.norm(), max_force);
+  if (!is_low_passed(learned.table.force, learned.table.step / speed))
+    return "its forces shake faster than learning follows: it is damaged; learn again (--forget)";
   return {};
 }
 

@@ -40,7 +40,8 @@ void save_learned(const LearnedPath& learned, const std::string& file);
 std::optional<LearnedPath> load_learned(const std::string& file);
 
 /// Returns why `learned` must not be used here; empty if it may. Reasons are another device or path, another speed, a
-/// later calibration that found another mass, or a force far beyond that of the device, `max_force` [N].
+/// later calibration that found another mass, or forces that are far beyond the device's `max_force` [N] or change
+/// faster than those that learning finds.
 std::string check_learned(const LearnedPath& learned, const DeviceIdentity& device, const std::string& path_digest,
                           double speed, const Vec3& mass, double max_force);
 

@@ -129,6 +129,8 @@ void SamplingReport::add_values(const Sample& sample, double dt) {
       continue;
     }
     const std::size_t first = c - c % 3;
+    const bool rests = first == 3 && component(sample, c) == 0 && !changed[c - 3];  // as its position does
+    if (rests) continue;
     if (!moves && !changed[first] && !changed[first + 1] && !changed[first + 2]) continue;
     ++channel.steps;
     if (channel.run++ == 0) channel.run_start = before_.time_ns;

@@ -275,6 +275,8 @@ TEST_F(DeviceProfiles, NameTheKeyOfAHandThatIsWrong) {
   EXPECT_THAT(error("/held/hand_is", "unknown"), testing::HasSubstr("unknown"));
   EXPECT_THAT(error("/held/model/hand/mass_kg", -1), testing::HasSubstr("held.model.hand.mass_kg"));
   EXPECT_THAT(error("/held/laws/quiet/x/drift_n", 0), testing::HasSubstr("held.laws.quiet.x.drift_n"));
+  EXPECT_THAT(error("/held/laws/quiet/x/mass_factor", 50), testing::HasSubstr("held.laws.quiet.x.mass_factor"));
+  EXPECT_THAT(error("/held/model/lag_s", 0.5), testing::HasSubstr("lag_s"));
   EXPECT_THAT(error("/held/laws/exact/unmet", json::array({1})), testing::HasSubstr("held.laws.exact"));
   EXPECT_THAT(error("/held/laws/firm", 1), testing::HasSubstr("firm"));
 }
@@ -401,6 +403,12 @@ TEST(CheckProfile, SaysWhyAProfileMustNotBeUsed) {
   expect_beyond([](PlantModel& plant) { plant.gravity_gradient(0, 0) = -1e5; }, "within 10 mm of 1000.0 N");
   expect_beyond([](PlantModel& plant) { plant.viscous.x() = 1000; }, "damping at 0.1 m/s of 100.0 N");
   expect_beyond([](PlantModel& plant) { plant.mass.x() = 400; }, "inertia at 0.5 m/s^2 of 200.0 N");
+  profile = example();
+  profile.held = in_a_hand();
+  profile.held->inertia = InertiaMap{.reach = Vec3::Constant(0.05), .most = Vec3::Constant(1000)};
+  EXPECT_EQ(verdict(profile), "");
+  profile.held->inertia->slope(1, 0) = 1e4;  // 500 times the mass at the reach
+  expect(verdict(profile), "inertia at 0.5 m/s^2 of 102.7 N");
   expect(verdict(example(), 1000, 181), "181 days old, but it is valid for 180 days only");
   profile = example();
   profile.created = "yesterday";
@@ -435,6 +443,8 @@ TEST(ProfileFromJson, NamesAKeyThatIsMissingUnknownOrWrong) {
   refused([](json& object) { object["created"] = "2026-31-31"; }, "created");
   refused([](json& object) { object["plant"]["mass_kg"][1] = -0.1; }, "mass_kg");
   refused([](json& object) { object["plant"]["delay_s"] = "soon"; }, "delay_s");
+  refused([](json& object) { object["plant"]["delay_s"] = 0.5; }, "delay_s");
+  refused([](json& object) { object["design"]["observer_hz"] = 501; }, "observer_hz");  // of 1000 Hz
   refused([](json& object) { object["plant"]["gravity_gradient_n_per_m"]["y"] = {1, 2}; }, "y");
   refused([](json& object) { object["design"]["kp"] = {1, 2, 1e9}; }, "kp");
   expect_error([] { (void)profile_from_json(json::array(), "p.json"); }, Error::Kind::input, {"p.json"});

@@ -4,9 +4,11 @@
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
 
+#include <cmath>
 #include <filesystem>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <random>
 
 namespace haptrace {
 namespace {
@@ -15,6 +17,7 @@ using test::error_of;
 using test::TempFolder;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Matcher;
 
 const DeviceIdentity kDevice{"sim", "Novint Falcon", "1234"};
 
@@ -80,6 +83,23 @@ TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotApply) {
   damaged.table.force.back() = Vec3(0, -20, 0);
   EXPECT_THAT(check_learned(damaged, kDevice, l.path_digest, 0.5, l.mass, 9),
               HasSubstr("a force of 20.0 N, far beyond"));
+  for (const double speed : {0.5, 1.0, 2.0}) {
+    SCOPED_TRACE(speed);
+    LearnedPath shaking = l, fast = l;
+    shaking.speed = fast.speed = speed;
+    shaking.table.step = fast.table.step = 0.004;
+    shaking.table.force.clear(), fast.table.force.clear();
+    std::mt19937 generator(1);
+    std::normal_distribution<double> noise;
+    for (int i = 0; i < 1000; ++i) {
+      shaking.table.force.emplace_back(noise(generator), 0, 0);
+      fast.table.force.emplace_back(std::sin(2 * M_PI * 30 / speed * 0.004 * i), 1, 0);  // 30 Hz as it is played
+    }
+    EXPECT_THAT(check_learned(fast, kDevice, l.path_digest, speed, l.mass, 9), IsEmpty());
+    // Steps of 8 ms are no faster than learning.
+    EXPECT_THAT(check_learned(shaking, kDevice, l.path_digest, speed, l.mass, 9),
+                speed < 1 ? Matcher<std::string>(IsEmpty()) : HasSubstr("shake"));
+  }
 }
 
 TEST(LearnedForceFile, NamesTheFileAndTheKeyThatIsWrong) {

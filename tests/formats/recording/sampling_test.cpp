@@ -186,20 +186,21 @@ TEST(Sampling, DistinguishesConstantChannelsFromChannelsThatStop) {
 }
 
 TEST(Sampling, DoesNotTakeASideOfASquareForAStuckSensor) {
-  for (const char* shape : {"square", "rectangle"}) {
+  for (const char* shape : {"square", "rectangle", "sharp square"}) {
     SCOPED_TRACE(shape);
+    const bool sharp = shape == std::string("sharp square");  // the velocity jumps in its corners
     for (const double repeated : {1, 3}) {
       SamplingReport report;
       const double side = 0.08, seconds = 2;
       for (int i = 0; i < 8000 * static_cast<int>(repeated); ++i) {
         const double t = std::fmod(1e-3 * i, 4 * seconds), s = std::fmod(t, seconds) / seconds;
-        const double along = s * s * s * (10 + s * (-15 + 6 * s));
-        const double speed = 30 * s * s * (1 - s) * (1 - s) / seconds;
+        const double along = sharp ? s * (1.5 - 0.5 * s) : s * s * s * (10 + s * (-15 + 6 * s));
+        const double speed = (sharp ? 1.5 - s : 30 * s * s * (1 - s) * (1 - s)) / seconds;
         const int leg = static_cast<int>(t / seconds);
         const Vec3 corners[]{{0, 0, 0},
                              {side, 0, 0},
-                             {side, shape[0] == 's' ? side : 0.5 * side, 0},
-                             {0, shape[0] == 's' ? side : 0.5 * side, 0},
+                             {side, shape[0] != 'r' ? side : 0.5 * side, 0},
+                             {0, shape[0] != 'r' ? side : 0.5 * side, 0},
                              {0, 0, 0}};
         Sample sample;
         sample.time_ns = std::int64_t{1'000'000} * i;
