@@ -283,8 +283,8 @@ HeldModel held_from(JsonReader reader, double most_delay = kMostDelay) {
 }
 
 struct NumberKey {
-  const char* name;
-  double LqgNumbers::*number;
+  const char* name = nullptr;
+  double LqgNumbers::*number = nullptr;
   double least = 1e-30, most = kLargest;
 };
 constexpr std::array<NumberKey, 6> kNumberKeys{{{"drift_n", &LqgNumbers::drift},
