@@ -5,8 +5,8 @@ target_compile_options(haptrace_build_flags INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
     -Wno-missing-field-initializers>
   # If sources are compiled as one, the names of one shadow another's, and all sources look like headers.
-  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<BOOL:$<TARGET_PROPERTY:UNITY_BUILD>>>:-Wno-shadow -Wshadow=local
-    -Wno-subobject-linkage>
+  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<BOOL:$<TARGET_PROPERTY:UNITY_BUILD>>>:-Wno-shadow
+    $<$<CXX_COMPILER_ID:GNU>:-Wshadow=local -Wno-subobject-linkage>>
   $<$<COMPILE_LANGUAGE:C>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion>
   $<$<BOOL:${HAPTRACE_WERROR}>:-Werror>)
 # Hardens installed code and plug-ins, because they read files and packets that others wrote. Tests and benchmarks
