@@ -116,7 +116,7 @@ TEST(Warnings, ReachTheTerminalTheSummaryTheJsonTheFileAndTheReport) {
   }
   ASSERT_NE(text, "");
   // The terminal had it when it came, and counts no repetitions that came later.
-  EXPECT_THAT(answer.err, testing::ContainsRegex("haptrace: (the )?force (was )?limited"));
+  EXPECT_THAT(answer.err, testing::ContainsRegex("haptrace: (force limited: |the force was limited )"));
   EXPECT_EQ(RecordingReader(file).header().warnings, json["warnings"]);
   EXPECT_THAT(haptrace("info", file).out, HasSubstr(text));
   EXPECT_EQ(haptrace("info", file, "--json").json()["warnings"], json["warnings"]);
