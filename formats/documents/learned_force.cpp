@@ -3,6 +3,7 @@
 #include "base/error.h"
 #include "base/json_reader.h"
 #include "base/output_file.h"
+#include "control/design/lqg_search.h"
 
 #include <cmath>
 #include <filesystem>
@@ -142,7 +143,7 @@ namespace {
 /// Returns true if forces [N] at equal steps [s] may come from learning, which low-passes: the power of their second
 /// differences, over their own, is below that of a sine at kFastest.
 bool is_low_passed(const std::vector<Vec3>& forces, double step) {
-  constexpr double kFastest = 40;  // [Hz]; learning passes at most 30
+  constexpr double kFastest = 4 / 3. * kMostLearning;  // [Hz]
   constexpr std::size_t kEnough = 50;
   if (forces.size() < kEnough) return true;
   Vec3 mean = Vec3::Zero();

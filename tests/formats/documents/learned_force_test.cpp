@@ -1,5 +1,6 @@
 #include "formats/documents/learned_force.h"
 
+#include "control/design/lqg_search.h"
 #include "control/path/shapes.h"
 #include "tests/support/errors.h"
 #include "tests/support/temp_folder.h"
@@ -83,6 +84,10 @@ TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotApply) {
   damaged.table.force.back() = Vec3(0, -20, 0);
   EXPECT_THAT(check_learned(damaged, kDevice, l.path_digest, 0.5, l.mass, 9),
               HasSubstr("a force of 20.0 N, far beyond"));
+}
+
+TEST(LearnedForceFile, IsRefusedIfItsForcesShakeFasterThanLearningPasses) {
+  const LearnedPath l = learned();
   for (const double speed : {0.5, 1.0, 2.0}) {
     SCOPED_TRACE(speed);
     LearnedPath shaking = l, fast = l;
@@ -93,7 +98,7 @@ TEST(LearnedForceFile, IsRefusedWithAReasonWhereItDoesNotApply) {
     std::normal_distribution<double> noise;
     for (int i = 0; i < 1000; ++i) {
       shaking.table.force.emplace_back(noise(generator), 0, 0);
-      fast.table.force.emplace_back(std::sin(2 * M_PI * 30 / speed * 0.004 * i), 1, 0);  // 30 Hz as it is played
+      fast.table.force.emplace_back(std::sin(2 * M_PI * kMostLearning / speed * 0.004 * i), 1, 0);  // as it is played
     }
     EXPECT_THAT(check_learned(fast, kDevice, l.path_digest, speed, l.mass, 9), IsEmpty());
     // Steps of 8 ms are no faster than learning.
