@@ -1,5 +1,8 @@
 #include "player/motor_limit.h"
 
+#include "control/limits.h"
+#include "devices/loop/servo_loop.h"
+
 #include <algorithm>
 #include <fmt/format.h>
 
@@ -19,6 +22,19 @@ bool bound_by_motors(SessionOptions& session, const DeviceInfo& device, const Pl
            device.model, plant.motor_limit,
            device.max_force > 0 ? fmt::format(", not the {:.1f} N that it states", device.max_force) : "")});
   return true;
+}
+
+std::string heat_foreseen(const DeviceInfo& device, const ServoOptions& loop, double force, double duration) {
+  const SafetyLimits limits = ServoLoop::in_force(device, loop.limits);
+  ForceLimiter limiter(limits);
+  if (loop.motors != nullptr) limiter.warm(loop.motors->force, loop.motors->rested);
+  const double left = limiter.time_left(force);
+  if (!(left < duration)) return "";
+  return fmt::format(
+      "in its trial the law took {:.2g} N rms, and the motors bear {:.2g} N for long: if the hand pulls as much again, "
+      "the force is limited from about {:.0f} s on, and the device then follows less closely. Play fewer repetitions "
+      "at a time",
+      force, limits.max_continuous_force, left);
 }
 
 }  // namespace haptrace

@@ -1,8 +1,10 @@
-// The force limit of a session on a device whose motors give less than it states.
+// What the motors of a calibrated device give and bear.
 #pragma once
 
 #include "control/design/plant_model.h"
 #include "player/session.h"
+
+#include <string>
 
 namespace haptrace {
 
@@ -11,5 +13,10 @@ namespace haptrace {
 /// without a change, if the motors give all that the session may send. Otherwise the last of `session.known` is the new
 /// warning.
 bool bound_by_motors(SessionOptions& session, const DeviceInfo& device, const PlantModel& plant);
+
+/// Says from when on the continuous limit of `loop` reduces the force of a session of `duration` [s] on a device whose
+/// law took `force` [N], rms, in its trial, and takes as much again. Empty if it lasts, or if `force` is 0. The motors
+/// are as warm as `loop.motors` says.
+std::string heat_foreseen(const DeviceInfo& device, const ServoOptions& loop, double force, double duration);
 
 }  // namespace haptrace

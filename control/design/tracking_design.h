@@ -14,6 +14,7 @@ struct LawVerdict {
   double improvement = 0;  ///< error of plain PD control over that of the law, at the place where it is smallest
   std::string refused;     ///< why the law must not be used; empty if it may
   std::string since{};     ///< time of the playback that refused it, RFC 3339; empty: refused in its trial
+  double force = 0;        ///< magnitude that it sent in its trial, rms [N]; 0: not known
 };
 
 /// Parameters of a tracking law with an observer, and of plain PD control.

@@ -62,6 +62,7 @@ json json_of(const PlantModel& plant) {
 json json_of(const LawVerdict& verdict) {
   json json{{"tried", verdict.tried}, {"improvement", verdict.improvement}, {"refused", verdict.refused}};
   if (!verdict.since.empty()) json["refused_since"] = verdict.since;
+  if (verdict.force > 0) json["force_n"] = verdict.force;
   return json;
 }
 
@@ -187,6 +188,7 @@ LawVerdict verdict_from(JsonReader reader) {
                      .improvement = required.number("improvement", 0, kLargest),
                      .refused = required.text("refused")};
   if (reader.has("refused_since")) verdict.since = time_from(required, "refused_since", reader.where());
+  verdict.force = reader.number("force_n", 0, 0, kLargest);
   reader.finish();
   return verdict;
 }

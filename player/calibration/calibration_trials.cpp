@@ -233,7 +233,9 @@ class LawTrials {
     verdict = {.tried = true,
                .improvement = plain_.finished() && toured.finished() ? least_improvement(toured, plain_) : 0,
                .refused = refusal_of(toured, plain_, tour_,
-                                     std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple()))};
+                                     std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple())),
+               .since = {},
+               .force = toured.force};
     if (verdict.refused.empty() && !accepted_) accepted_ = toured;
     return true;
   }

@@ -70,6 +70,7 @@ class PlaceFigures final : public SampleSink {
     const bool limited = sample.force.norm() > kAtLimit * limiter_.allowed();
     limiter_.acted(sample.force, period_);
     if (sample.phase != Phase::run) return;
+    force_ += sample.force.squaredNorm();
     for (std::size_t i = 0; i < places_.size(); ++i) {
       if (!((sample.reference_position - places_[i]).norm() < reach_)) continue;
       Sum& sum = sums_[at_ = i];
@@ -89,11 +90,14 @@ class PlaceFigures final : public SampleSink {
 
   void write(TourResult& result) const {
     result.oscillations = oscillations_;
+    int ticks = 0;
     for (const Sum& sum : sums_) {
+      ticks += sum.all_ticks;
       result.rms_error.push_back(sum.ticks > 0 ? std::sqrt(sum.error / sum.ticks) : kNaN);
       result.ripple.push_back(sum.ticks > 0 ? std::sqrt(sum.ripple / sum.ticks) : kNaN);
       result.saturated.push_back(sum.ticks > 0 ? static_cast<double>(sum.saturated) / sum.all_ticks : 1);
     }
+    result.force = ticks > 0 ? std::sqrt(force_ / ticks) : 0;
   }
 
  private:
@@ -109,6 +113,7 @@ class PlaceFigures final : public SampleSink {
   ForceLimiter limiter_;
   Ripple ripple_;
   std::vector<Sum> sums_;
+  double force_ = 0;  ///< sum of squares [N^2]
   int oscillations_ = 0;
 };
 

@@ -26,6 +26,7 @@ struct TourResult {
   std::vector<double> rms_error;  ///< measured rms error at each place [m]
   std::vector<double> ripple;     ///< force above 25 Hz at each place, rms [N]
   std::vector<double> saturated;  ///< share of the ticks from each place on in which the force was at its limit
+  double force = 0;               ///< magnitude that was sent, rms [N]
   int oscillations = 0;           ///< reports of the monitors, but for slow ones and those while the motors are hot
 
   [[nodiscard]] bool finished() const noexcept { return session.servo.cause == StopCause::finished; }

@@ -15,6 +15,7 @@
 #include "devices/loop/servo_loop.h"
 #include "formats/path/path_thinning.h"
 #include "player/device_path.h"
+#include "player/motor_limit.h"
 #include "player/playback/learning.h"
 #include "player/playback/playback_controller.h"
 #include "player/playback/reference_stream.h"
@@ -407,6 +408,18 @@ void keep_below(double fastest, const Box& workspace, const PlayOptions& options
   }
 }
 
+/// Notes that the motors will get too warm for the plan, if its law takes as much force as in its trial.
+void foresee_heat(const DeviceInfo& device, const PlayOptions& options, PlayPlan& plan) {
+  if (!plan.lqg && !plan.composed.observer) return;
+  const IdentifiedDevice& identified = *options.identified;
+  const LawVerdict& trial = plan.lqg ? identified.held->design(plan.firmness).verdict : identified.design.verdict;
+  const int repetitions = options.playback.repetitions;
+  const double duration = repetitions > 0 ? repetitions * plan.path->duration() / options.playback.speed
+                                          : std::numeric_limits<double>::infinity();
+  if (std::string heat = heat_foreseen(device, options.session.loop, trial.force, duration); !heat.empty())
+    plan.notes.push_back(std::move(heat));
+}
+
 /// The law of a playback with its gains and terms.
 struct PlannedLaw {
   Tuning tuning;
@@ -523,6 +536,7 @@ PlayPlan plan_playback(const DeviceInfo& device, std::shared_ptr<const PathSourc
     validate(plan.tuning.gains);
   }
   if (plan.composed.learning) (void)IterativeLearning(learning_of(plan, options));  // throws when it is too long
+  foresee_heat(device, options, plan);
   if (plan.peak_speed > fastest)
     throw input_error(fmt::format(
         "{} moves at up to {:.2f} m/s, too close to the velocity limit of {:.2f} m/s; play it slower (--speed "

@@ -10,6 +10,7 @@
 namespace haptrace {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 
 /// A free device of 8 N whose motors give at most 3 N without saying so.
@@ -64,6 +65,26 @@ TEST(MotorLimit, BoundsAPlaybackWhoseWarningsReachItsResult) {
   EXPECT_GT(result.session.servo.max_force, 2.9);
   EXPECT_LE(result.session.servo.max_force, 3 * (1 + 1e-9));
   EXPECT_THAT(result.session.warnings, testing::Contains(testing::Field(&Warning::code, "motor_limit")));
+}
+
+TEST(MotorHeat, IsForeseenFromTheForceThatALawTookInItsTrial) {
+  DeviceInfo device;
+  device.max_force = 10;  // and 3 N for long, with a time constant of 20 s
+  ServoOptions loop;
+  EXPECT_EQ(heat_foreseen(device, loop, 0, 1e9), "") << "not known";
+  EXPECT_EQ(heat_foreseen(device, loop, 2.3, 1e9), "") << "they bear it";
+  EXPECT_EQ(heat_foreseen(device, loop, 4, 8.9), "");
+  EXPECT_THAT(heat_foreseen(device, loop, 4, 9.1), AllOf(HasSubstr("took 4 N rms"), HasSubstr("bear 3 N for long"),
+                                                         HasSubstr("from about 9 s on")));  // 20 ln(16 / (16 - 5.76))
+  MotorHeat motors{.force = 5.7};
+  loop.motors = &motors;
+  EXPECT_THAT(heat_foreseen(device, loop, 4, 1), HasSubstr("from about 0 s on"));
+  motors.rested = 100;
+  EXPECT_EQ(heat_foreseen(device, loop, 4, 1), "");
+  loop.limits.max_continuous_force = 2;  // with a time constant of 10 s
+  EXPECT_THAT(heat_foreseen(device, loop, 4, 9), HasSubstr("from about 2 s on"));
+  DeviceInfo unlimited;
+  EXPECT_EQ(heat_foreseen(unlimited, ServoOptions{}, 4, 1e9), "");
 }
 
 }  // namespace

@@ -40,7 +40,7 @@ DeviceProfile example() {
   profile.design.largest = {Vec3(6000, 6100, 6200), Vec3(50, 51, 52)};
   profile.design.mass = Vec3(0.44, 0.45, 0.46);
   profile.design.observer_hz = 40;
-  profile.design.verdict = {true, 2, "its error is large", "2026-01-31T12:00:00Z"};
+  profile.design.verdict = {true, 2, "its error is large", "2026-01-31T12:00:00Z", 0.47};
   profile.design.plain_calm = true;
   profile.design.stiff_error = 0.6;
   profile.design.stiff_ripple = 0.8;
@@ -232,6 +232,7 @@ TEST_F(DeviceProfiles, KeepWhatTheTrialOfTheLawWithAnObserverFound) {
   const TrackingDesign read = profile_from_json(to_json(example()), "p").design;
   EXPECT_TRUE(read.verdict.tried);
   EXPECT_EQ(read.verdict.improvement, 2);
+  EXPECT_EQ(read.verdict.force, 0.47);
   EXPECT_EQ(read.verdict.refused, "its error is large");
   EXPECT_EQ(read.verdict.since, "2026-01-31T12:00:00Z");
   EXPECT_TRUE(read.plain_calm);

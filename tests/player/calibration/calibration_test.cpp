@@ -382,6 +382,8 @@ TEST(Calibration, FindsALinkThatSwingsInALooseHandAndNoDelayInItsPlace) {
   const LawVerdict& verdict = result.held->design(Firmness::normal).verdict;
   EXPECT_EQ(verdict.refused, "");
   EXPECT_GT(verdict.improvement, 5);
+  EXPECT_GT(verdict.force, 0.1);
+  EXPECT_LT(verdict.force, 1);
 }
 
 TEST(Calibration, FindsALawForAWeakDeviceWithACoarseEncoder) {

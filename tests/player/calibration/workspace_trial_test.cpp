@@ -102,6 +102,15 @@ TEST(WorkspaceTrial, ComparesNothingWhereTheForceNeverSuffices) {
   EXPECT_EQ(least_improvement(own, own), 0);
 }
 
+TEST(WorkspaceTrial, KnowsTheForceThatALawTakes) {
+  SimSpec spec = test::true_device();
+  spec.gravity_bias = Vec3(0, 0, -3);
+  spec.gravity_gradient.setZero();
+  EXPECT_NEAR(toured_under(plain(), spec).force, 3, 1);
+  spec.gravity_bias = Vec3(0, 0, -6);
+  EXPECT_NEAR(toured_under(plain(), spec).force, 6, 1);
+}
+
 TEST(WorkspaceTrial, SaysThatItEndedEarly) {
   StopRequest stop;
   stop.raise();

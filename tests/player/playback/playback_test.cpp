@@ -217,6 +217,28 @@ TEST(PlayPlan, SaysBeforeAPlaybackThatStiffPdControlWasCloserInTheTrials) {
   EXPECT_THAT(planned().notes, testing::IsEmpty()) << "nobody asked for a choice";
 }
 
+TEST(PlayPlan, SaysBeforeAPlaybackThatTheMotorsWillGetTooWarm) {
+  PlayOptions options = with_laws();
+  const auto planned = [&] { return plan_playback(info(), small_circle(), options); };
+  LawVerdict &lqg = options.identified->held->design(Firmness::normal).verdict,
+             &observer = options.identified->design.verdict;
+  options.session.loop.limits.max_continuous_force = 3;
+  lqg.force = 4;
+  EXPECT_THAT(planned().notes, testing::IsEmpty()) << "one circle is short";
+  options.playback.repetitions = 10;
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("took 4 N rms")));
+  options.playback.speed = 4;
+  EXPECT_THAT(planned().notes, testing::IsEmpty());
+  options.playback.repetitions = 0;
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("took 4 N rms"))) << "until it is stopped";
+  options.law = TrackingLaw::observer;
+  EXPECT_THAT(planned().notes, testing::IsEmpty()) << "not known of this law";
+  observer.force = 5;
+  EXPECT_THAT(planned().notes, ElementsAre(HasSubstr("took 5 N rms")));
+  options.compensations.observer = false;
+  EXPECT_THAT(planned().notes, testing::IsEmpty()) << "PD control follows less closely and takes less";
+}
+
 /// A playback of the LQG law that was softened as often as `energy` says.
 PlayResult softened(const PlayOptions& options, int energy) {
   PlayResult result{.session = {}, .plan = plan_playback(info(), small_circle(), options), .repetitions = {}};
