@@ -236,7 +236,8 @@ class LawTrials {
                                      std::hypot(std::max(2 * predicted_ripple, most_ripple_), cogging_ripple())),
                .since = {},
                .force = toured.force};
-    if (verdict.refused.empty() && !accepted_) accepted_ = toured;
+    const bool may_be_chosen = law_.firmness != Firmness::exact;
+    if (verdict.refused.empty() && may_be_chosen && !accepted_) accepted_ = toured;
     return true;
   }
 
@@ -286,11 +287,12 @@ class LawTrials {
 
   /// Refuses a law that is less than kWorthwhile times as accurate as plain PD control at some place, after another one
   /// was refused: plain PD control that learns follows at least as well there.
-  static void refuse_unless_worthwhile(LawVerdict& verdict) {
+  void refuse_unless_worthwhile(LawVerdict& verdict) {
     if (!verdict.refused.empty() || !(verdict.improvement > 0) || verdict.improvement >= kWorthwhile) return;
     verdict.refused =
         fmt::format("another one was refused, and at one place it is only {:.2f} times as accurate as plain PD control",
                     verdict.improvement);
+    accepted_.reset();
   }
 
   [[nodiscard]] bool is_refused(Firmness firmness) const {
@@ -308,7 +310,7 @@ class LawTrials {
   PlayOptions law_;
   TourResult plain_;                    ///< of plain PD control
   std::optional<TourResult> stiff_;     ///< of stiff PD control, if it was not calm
-  std::optional<TourResult> accepted_;  ///< of the first law that passed
+  std::optional<TourResult> accepted_;  ///< of the law that passed and that playbacks choose
 };
 
 }  // namespace
