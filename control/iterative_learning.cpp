@@ -67,7 +67,7 @@ void RepetitionLog::clear() noexcept {
 }
 
 IterativeLearning::IterativeLearning(const Options& options, ForceTable known, int repetitions)
-    : options_(options), table_(std::move(known)), repetitions_(repetitions) {
+    : options_(options), table_(std::move(known)), repetitions_(repetitions), trusted_(repetitions == 0) {
   check_range("learning: the rate", options_.rate_hz, 1, 1e6, "Hz");
   check_range("learning: the speed factor", options_.speed, 1e-3, 1e3);
   check_range("learning: the cut-off", options_.cutoff_hz, 1e-3, 1e6, "Hz");
@@ -148,8 +148,15 @@ LearningOutcome IterativeLearning::learn(const RepetitionLog& log) {
     table_ = best_;
     best_rms_ = 0;
     error_.clear();
+    if (!trusted_ && ++softened_ >= kDistrusted) {
+      std::ranges::fill(table_.force, Vec3::Zero());
+      best_ = table_;
+      repetitions_ = 0;
+      trusted_ = true;
+    }
     return LearningOutcome::softened;
   }
+  trusted_ = true;
 
   double sum = 0;
   std::vector<Vec3> error(n);

@@ -47,7 +47,8 @@ struct RepetitionLog {
 /// than kNoise of their sum, there is nothing left to learn. If a repetition is worse than the best by the factor
 /// kWorse, the best table is restored, and later steps are half as long. A repetition in which a monitor softened the
 /// feedback shows another loop: nothing is learned from it, the best table is restored as well, and the next repetition
-/// is the first of which the later ones must not be worse, since another law may drive it.
+/// is the first of which the later ones must not be worse, since another law may drive it. A table of an earlier
+/// session under which the first kDistrusted repetitions were all softened may be the cause: it is forgotten.
 ///
 /// Threads: one at a time. Not for the tick.
 class IterativeLearning {
@@ -64,6 +65,7 @@ class IterativeLearning {
 
   static constexpr double kNoise = 0.03;
   static constexpr double kWorse = 1.3;
+  static constexpr int kDistrusted = 2;
   static constexpr double kLongest = 600;  ///< longest repetition that can be learned, in time of the session [s]
 
   /// Starts from `known`, a table from a model or an earlier session that counts as `repetitions` repetitions; it may
@@ -87,6 +89,8 @@ class IterativeLearning {
   double rms_ = 0, best_rms_ = 0;
   double caution_ = 1;  ///< factor on the size of the steps
   int repetitions_;
+  bool trusted_;      ///< the table is not of an earlier session, or drove a repetition that was not softened
+  int softened_ = 0;  ///< repetitions of a table that is not trusted
 };
 
 /// Sends the learned force along the path, without a step when the table or the time along the path jumps. During the

@@ -1,6 +1,7 @@
 #include "formats/documents/device_profile.h"
 
 #include "base/error.h"
+#include "base/json_digest.h"
 #include "base/json_reader.h"
 #include "base/output_file.h"
 #include "base/rfc3339.h"
@@ -105,6 +106,7 @@ class Required {
 
 // Far beyond any device that a hand can hold.
 constexpr double kLargest = 1e6;
+constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
 constexpr double kMostLead = 5e-3;  // of a delay that noise made negative [s]
 constexpr double kMostDelay = 0.1;  // with more, nothing follows a hand [s]
 constexpr double kLeastKnown = 1;   // half width of a delay of which nothing is known [s]
@@ -534,7 +536,7 @@ DeviceDynamics dynamics_from_json(const json& object, const std::string& where) 
 }
 
 DeviceProfile load_profile(const std::string& file) {
-  return profile_from_json(load_json(file), file);
+  return profile_from_json(without_digest(load_json(file), file, kAgain), file);
 }
 
 void save_profile(const DeviceProfile& profile, const std::string& file, bool overwrite) {
@@ -544,7 +546,7 @@ void save_profile(const DeviceProfile& profile, const std::string& file, bool ov
     fs::create_directories(parent, error);
     if (error) throw input_error(fmt::format("{}: cannot be created: {}", parent.string(), error.message()));
   }
-  save_json(to_json(profile), file, overwrite);
+  save_json(with_digest(to_json(profile)), file, overwrite);
 }
 
 void check_profile_output(const std::string& file, bool overwrite) {
@@ -621,7 +623,6 @@ std::string beyond(const DeviceProfile& profile) {
 
 std::string check_profile(const DeviceProfile& profile, const DeviceIdentity& device, const DeviceFacts& facts,
                           double rate_hz, std::chrono::system_clock::time_point now) {
-  constexpr const char* kAgain = "calibrate again (haptrace calibrate)";
   if (profile.device != device)
     return fmt::format("the profile belongs to another device: {}, and this is {}", name_of(profile.device),
                        name_of(device));

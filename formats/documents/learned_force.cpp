@@ -1,6 +1,7 @@
 #include "formats/documents/learned_force.h"
 
 #include "base/error.h"
+#include "base/json_digest.h"
 #include "base/json_reader.h"
 #include "base/output_file.h"
 #include "control/design/lqg_search.h"
@@ -97,26 +98,18 @@ void save_learned(const LearnedPath& learned, const std::string& file) {
                     folder.string(), error.message()));
   json rows = json::array();
   for (const Vec3& force : learned.table.force) rows.push_back(rounded(force));
-  save_json({{"format", kLearnedFormat},
-             {"format_version", kLearnedVersion},
-             {"created", learned.created},
-             {"software", learned.software},
-             {"backend", learned.device.backend},
-             {"model", learned.device.model},
-             {"serial", learned.device.serial},
-             {"path_digest", learned.path_digest},
-             {"speed", learned.speed},
-             {"mass_kg", json_of(learned.mass)},
-             {"repetitions", learned.repetitions},
-             {"rms_error_m", learned.rms_error},
-             {"step_s", learned.table.step},
-             {"force_n", std::move(rows)}},
-            file, true);
+  const json root{
+      {"format", kLearnedFormat},         {"format_version", kLearnedVersion},  {"created", learned.created},
+      {"software", learned.software},     {"backend", learned.device.backend},  {"model", learned.device.model},
+      {"serial", learned.device.serial},  {"path_digest", learned.path_digest}, {"speed", learned.speed},
+      {"mass_kg", json_of(learned.mass)}, {"repetitions", learned.repetitions}, {"rms_error_m", learned.rms_error},
+      {"step_s", learned.table.step},     {"force_n", std::move(rows)}};
+  save_json(with_digest(root), file, true);
 }
 
 std::optional<LearnedPath> load_learned(const std::string& file) {
   if (!fs::exists(file)) return std::nullopt;
-  const json root = load_json(file);
+  const json root = without_digest(load_json(file), file, "learn again (--forget)");
   JsonReader reader(root, file);
   if (const std::string format = reader.text("format", ""); format != kLearnedFormat)
     throw input_error(fmt::format("{}: format is '{}', not {}", file, format, kLearnedFormat));

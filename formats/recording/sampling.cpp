@@ -12,6 +12,8 @@ constexpr std::size_t kMostBins = 20'000;    // beyond this number of different 
 constexpr double kSame = 0.03, kLike = 0.1;  // relative difference of steps: equal up to noise; of the same kind
 constexpr std::size_t kUnevenWindow = 16;    // steps
 constexpr std::uint64_t kFew = 20;           // steps, too few for a conclusion
+constexpr double kDisagrees = 0.1;           // of motion_ratio and 1, from which time stamps are doubted
+constexpr double kJump = 5;                  // times the rms change, which no movement makes from row to row
 
 constexpr std::array<Vec3 Sample::*, 3> kVectors{&Sample::velocity, &Sample::force, &Sample::force_measured};
 constexpr std::array kVectorNames{"velocity", "force", "measured force"};
@@ -144,10 +146,32 @@ void SamplingReport::add_values(const Sample& sample, double dt) {
 
   const Vec3 said = 0.5 * dt * (sample.velocity + before_.velocity), moved = sample.position - before_.position;
   if (!(dt > 0) || !is_finite(said) || !is_finite(moved)) return;
+  follow_stops(said, moved);
   ++motion_rows_;
   moved_moved_ += moved.squaredNorm();
   moved_said_ += moved.dot(said);
   said_said_ += said.squaredNorm();
+}
+
+void SamplingReport::follow_stops(const Vec3& said, const Vec3& moved) {
+  constexpr double kAgrees = 0.5;  // least share of a jump, and of what the velocity said, that the other makes up
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    Stop& stop = stops_.at(static_cast<std::size_t>(axis));
+    if (stop.steps == 0) stop.start = before_.time_ns, stop.said = 0;
+    stop.said += said[axis];
+    if (moved[axis] == 0) {
+      ++stop.steps;
+      continue;
+    }
+    const double jump = moved[axis] * (stop.said < 0 ? -1 : 1);
+    const double way = std::abs(stop.said);
+    if (stop.steps >= kFew && jump > kAgrees * way && way > kAgrees * jump && jump > stop.longest_jump) {
+      stop.longest_jump = jump;
+      stop.longest_start = stop.start;
+      stop.longest_end = before_.time_ns;
+    }
+    stop.steps = 0;
+  }
 }
 
 void SamplingReport::find_pattern(Sampling& result) const {
@@ -264,15 +288,24 @@ bool SamplingReport::is_steady(const Sampling& result) const {
 
 /// Finds the vectors that keep their value while the position moves.
 void SamplingReport::find_held(Sampling& result) const {
-  for (std::size_t i = 0; i < kVectors; ++i)
-    if (const Vector& vector = vectors_[i]; 5 * vector.held > vector.moved)
-      result.held.push_back({kVectorNames.at(i), static_cast<double>(vector.held) / static_cast<double>(vector.moved),
-                             vector.time > 0 ? static_cast<double>(vector.moved - vector.held) / vector.time : 0});
+  constexpr double kConstantSpeed = 10;  // new velocities per second, below which they are those of straight lines
+  for (std::size_t i = 0; i < kVectors; ++i) {
+    const Vector& vector = vectors_[i];
+    if (5 * vector.held <= vector.moved) continue;
+    const double rate = vector.time > 0 ? static_cast<double>(vector.moved - vector.held) / vector.time : 0;
+    if (i == 0 && rate < kConstantSpeed && std::abs(result.motion_ratio - 1) <= kDisagrees) continue;
+    result.held.push_back(
+        {kVectorNames.at(i), static_cast<double>(vector.held) / static_cast<double>(vector.moved), rate});
+  }
+}
+
+bool SamplingReport::jumps(const Channel& channel, double change) {
+  return change > kJump * std::sqrt(channel.change_sum / static_cast<double>(channel.changes));
 }
 
 /// Finds the channels that never change, and those that stop while others change.
 void SamplingReport::find_stuck(Sampling& result) const {
-  constexpr double kLongEnough = 0.5;  // [s]
+  constexpr double kLongEnough = 0.5, kLongStop = 0.1;  // [s]
   for (std::size_t c = 0; c < kChannels; ++c) {
     const Channel& channel = channels_[c];
     if (!channel.finite || channel.steps == 0) continue;
@@ -280,14 +313,20 @@ void SamplingReport::find_stuck(Sampling& result) const {
       result.constant.emplace_back(kChannelNames.at(c));
       continue;
     }
+    if (c < 3) {
+      const Stop& stop = stops_.at(c);
+      const double lasted = 1e-9 * static_cast<double>(stop.longest_end - stop.longest_start);
+      if (lasted >= kLongStop && jumps(channel, stop.longest_jump)) {
+        result.stuck.push_back(
+            {kChannelNames.at(c), 1e-9 * static_cast<double>(stop.longest_start - first_ns_), lasted});
+        continue;
+      }
+    }
     const double stuck = 1e-9 * static_cast<double>(channel.longest_end - channel.longest_start);
     const std::uint64_t elsewhere = channel.steps - channel.longest_run;
     // A planned movement comes to rest along an axis and starts again without a jump; noise does not rest.
-    constexpr double kJump = 5;  // times the rms change
     const bool noisy = 4 * channel.turns > channel.changes;
-    const bool jumps =
-        channel.longest_jump > kJump * std::sqrt(channel.change_sum / static_cast<double>(channel.changes));
-    if (!noisy && !jumps) continue;
+    if (!noisy && !jumps(channel, channel.longest_jump)) continue;
     if (stuck >= kLongEnough && channel.longest_run >= kFew && 2 * channel.changes > elsewhere &&
         elsewhere > channel.longest_run / 10)
       result.stuck.push_back(
@@ -309,12 +348,12 @@ Sampling SamplingReport::result() const {
     find_clock(result);
   }
   result.steady = is_steady(result);
-  find_held(result);
-  find_stuck(result);
   constexpr std::uint64_t kEnoughRows = 100;
   constexpr double kCorrelated = 0.9;
   if (motion_rows_ >= kEnoughRows && moved_said_ > kCorrelated * std::sqrt(moved_moved_ * said_said_))
     result.motion_ratio = moved_said_ / said_said_;
+  find_held(result);
+  find_stuck(result);
   return result;
 }
 
@@ -358,7 +397,6 @@ std::vector<std::string> notes(const Sampling& sampling, bool kept) {
     notes.push_back(
         fmt::format("{} does not change for {:.3g} s from {:.3f} s on, while others do: was the sensor stuck?",
                     stuck.name, stuck.duration, stuck.from));
-  constexpr double kDisagrees = 0.1;
   if (std::abs(sampling.motion_ratio - 1) > kDisagrees)
     notes.push_back(fmt::format(
         "the position moves {:.3g} times as far as velocities and time stamps imply: at a mean rate of {:.4g} "

@@ -51,7 +51,7 @@ struct Sampling {
 
   /// A channel that changes with most rows, but stays constant for a while in which others change. A smooth rest is not
   /// reported, since a movement along another axis causes it: the channel is noisy, or jumps where the while begins or
-  /// ends.
+  /// ends. A position is stuck, too, if it then jumps by what its velocity said.
   struct Stuck {
     std::string name;
     double from = 0, duration = 0;
@@ -82,6 +82,7 @@ class SamplingReport {
   void add_step(std::int64_t step_ns);
   void add_to_pattern(std::int64_t step_ns);
   void add_values(const Sample& sample, double dt);
+  void follow_stops(const Vec3& said, const Vec3& moved);
   void find_steps(Sampling& result) const;
   void find_commonest(Sampling& result) const;
   void find_pattern(Sampling& result) const;
@@ -108,6 +109,15 @@ class SamplingReport {
     bool finite = false;
   };
 
+  /// A while in which a position stays although its velocity does not, and the jump after it, which makes up for it.
+  struct Stop {
+    std::uint64_t steps = 0;
+    std::int64_t start = 0, longest_start = 0, longest_end = 0;  // [ns]
+    double said = 0, longest_jump = 0;                           ///< by the velocity, and of the largest stop [m]
+  };
+  /// Returns true if no movement makes a `change` of this size from row to row.
+  [[nodiscard]] static bool jumps(const Channel& channel, double change);
+
   std::uint64_t rows_ = 0;
   Sample before_;
   std::int64_t first_ns_ = 0, last_ns_ = 0;
@@ -124,6 +134,7 @@ class SamplingReport {
 
   std::array<Vector, kVectors> vectors_;
   std::array<Channel, kChannels> channels_;
+  std::array<Stop, 3> stops_;
   std::uint64_t motion_rows_ = 0;
   double moved_moved_ = 0, moved_said_ = 0, said_said_ = 0;  // [m^2]
 };

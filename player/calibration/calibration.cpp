@@ -4,6 +4,7 @@
 #include "control/design/hand_noise.h"
 #include "control/design/identification.h"
 #include "control/design/inertia_identification.h"
+#include "devices/loop/servo_loop.h"
 #include "player/calibration/calibration_controller.h"
 #include "player/calibration/calibration_log.h"
 #include "player/calibration/calibration_plan.h"
@@ -11,7 +12,9 @@
 #include "player/calibration/hand_listening.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -79,12 +82,14 @@ class CalibrationRun {
     if (hidden_by_tremor()) finished = measure_longer();
     const StopCause cause = result_.session.servo.cause;
     if (cause == StopCause::interrupted || cause == StopCause::device_lost) return std::move(result_);
+    if (finished && led_by_the_hand()) return std::move(result_);
     if (finished) {
       if (responds_like_a_mass()) {
         design();
         return std::move(result_);
       }
-    } else if (controller_->verdict() == CalibrationController::Verdict::none || !measured_again()) {
+    } else if (controller_->verdict() == CalibrationController::Verdict::none || !measured_again() ||
+               led_by_the_hand()) {
       return std::move(result_);
     }
     if (!result_.identification.fits) {
@@ -184,6 +189,24 @@ class CalibrationRun {
     if (!result_.reason.empty()) return false;
     take_motors(log);
     reached_ = log.experiment(plan_).places;
+    return true;
+  }
+
+  /// Returns true if the session took more force than the motors bear for long, and sets the reason. The places are
+  /// then not reached, and the hand's pull is taken for the device's gravity. In relaxed hands, sessions took up to 0.9
+  /// of the continuous force, and in hands that moved or stayed elsewhere at least 1.2.
+  [[nodiscard]] bool led_by_the_hand() {
+    constexpr double kMostPull = 1.1;  // of the continuous force
+    const double borne = ServoLoop::in_force(device_.info(), options_.session.loop.limits).max_continuous_force;
+    const std::span<const TickRow> rows = log_->whole(plan_).rows;
+    double squares = 0;
+    for (const TickRow& row : rows) squares += row.force.squaredNorm();
+    const double taken = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(rows.size(), 1)));
+    if (!(borne > 0) || taken <= kMostPull * borne) return false;
+    result_.reason = fmt::format(
+        "the calibration took {:.1f} N rms, and the motors bear {:.1f} N for long: the hand moved, or held the device "
+        "back. Hold it loosely, let it lead the hand, and calibrate again",
+        taken, borne);
     return true;
   }
 

@@ -5,6 +5,7 @@
 #include "tests/support/delayed_mass.h"
 #include "tests/support/errors.h"
 
+#include <algorithm>
 #include <functional>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -268,6 +269,31 @@ TEST(IterativeLearning, LearnsNothingFromASoftenedRepetitionAndReturnsToTheBestT
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "the whole feedback acts again";
   session.soften_from = 0.99 * kDuration;
   EXPECT_EQ(session.learn(sine_load), Learned::learned) << "a moment is no other loop";
+}
+
+TEST(IterativeLearning, ForgetsATableOfAnEarlierSessionThatMayBeWhatShakesTheDevice) {
+  Session session;
+  for (int i = 0; i < 3; ++i) session.learn(sine_load);
+  const auto is_zero = [&] {
+    return std::ranges::all_of(session.learning.table().force, [](const Vec3& force) { return force.isZero(); });
+  };
+  const IterativeLearning::Options options{.mass = late_plant().mass, .duration = kDuration};
+  session.learning = IterativeLearning(options, session.learning.table(), 1);
+  session.soften_from = 0;
+  EXPECT_EQ(session.learn(sine_load), Learned::softened);
+  EXPECT_FALSE(is_zero()) << "the law may be the cause";
+  EXPECT_EQ(session.learn(sine_load), Learned::softened);
+  EXPECT_TRUE(is_zero());
+  EXPECT_EQ(session.learning.repetitions(), 0);
+  session.soften_from = 2 * kDuration;
+  EXPECT_EQ(session.learn(sine_load), Learned::learned);
+  EXPECT_FALSE(is_zero());
+
+  session.learning = IterativeLearning(options, session.learning.table(), 1);
+  EXPECT_EQ(session.learn(sine_load), Learned::learned) << "a repetition that is calm shows that it is good";
+  session.soften_from = 0;
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(session.learn(sine_load), Learned::softened);
+  EXPECT_FALSE(is_zero());
 }
 
 TEST(IterativeLearning, LearnsOnUnderAnotherLawThatIsWorseThanTheOneThatVibrated) {

@@ -224,6 +224,61 @@ TEST(Sampling, FindsAPositionThatFreezesAndThenJumps) {
   EXPECT_EQ(report.result().stuck[0].name, "x");
 }
 
+TEST(Sampling, FindsAPositionThatFreezesWhileItsVelocityGoesOn) {
+  for (const bool all : {true, false})
+    for (const int rows : {150, 300, 700}) {
+      SCOPED_TRACE(rows);
+      SamplingReport report;
+      for (int i = 0; i < 6000; ++i) {
+        Sample sample = at(1e-3 * i);
+        const Vec3 frozen = at(1.999).position;
+        if (i >= 2000 && i < 2000 + rows)
+          sample.position = all ? frozen : Vec3(frozen.x(), sample.position.y(), sample.position.z());
+        report.add(sample);
+      }
+      const Sampling found = report.result();
+      ASSERT_GE(found.stuck.size(), 1U);
+      EXPECT_EQ(found.stuck[0].name, "x");
+      EXPECT_NEAR(found.stuck[0].from, 2, 0.002);
+      EXPECT_NEAR(found.stuck[0].duration, 1e-3 * rows, 0.002);
+      EXPECT_EQ(found.stuck.size() > 1, all);
+    }
+}
+
+TEST(Sampling, TakesNoCoarseOrSlowPositionForAStuckOne) {
+  for (const double count : {1e-5, 1e-4, 1e-3})
+    for (const int every : {1, 10, 50}) {
+      SCOPED_TRACE(count);
+      SCOPED_TRACE(every);
+      SamplingReport report;
+      for (int i = 0; i < 6000; ++i) {
+        Sample sample = at(1e-3 * i);
+        const Vec3 seen = at(1e-3 * (i - i % every)).position / count;
+        sample.position = count * Vec3(std::round(seen.x()), std::round(seen.y()), std::round(seen.z()));
+        report.add(sample);
+      }
+      EXPECT_TRUE(report.result().stuck.empty()) << all_notes(report.result());
+    }
+}
+
+TEST(Sampling, TakesNoConstantSpeedForASlowSensor) {
+  const Vec3 corners[]{{0, 0, 0}, {0.05, 0, 0}, {0.05, 0.05, 0}, {0, 0.05, 0}, {0, 0, 0}};
+  const auto report_of = [&](double velocity_factor) {
+    SamplingReport report;
+    for (int i = 0; i < 4000; ++i) {
+      const Vec3 along = corners[i / 1000 + 1] - corners[i / 1000];
+      Sample sample;
+      sample.time_ns = std::int64_t{1'000'000} * i;
+      sample.position = corners[i / 1000] + 1e-3 * (i % 1000) * along;
+      sample.velocity = velocity_factor * along;
+      report.add(sample);
+    }
+    return report.result();
+  };
+  EXPECT_TRUE(report_of(1).held.empty()) << all_notes(report_of(1));
+  EXPECT_FALSE(report_of(0.5).held.empty()) << "a velocity that the movement contradicts is doubted";
+}
+
 TEST(Sampling, FindsANoisyChannelThatStopsForGood) {
   SamplingReport report;
   for (int i = 0; i < 6000; ++i) {

@@ -1,13 +1,17 @@
 #include "player/calibration/calibration.h"
 
+#include "control/path/shapes.h"
+#include "devices/registry.h"
 #include "devices/sim/presets.h"
 #include "devices/sim/sim_device.h"
+#include "formats/path/path_file.h"
 #include "player/calibration/calibration_plan.h"
 #include "studies/ensemble_draw.h"
 #include "tests/support/allocations.h"
 #include "tests/support/blind_device.h"
 #include "tests/support/errors.h"
 #include "tests/support/point_mass.h"
+#include "tests/support/temp_folder.h"
 
 #include <algorithm>
 #include <cmath>
@@ -429,6 +433,21 @@ TEST(Calibration, LeavesOutThePlacesFromWhichAHandKeepsTheDevice) {
   ASSERT_TRUE(result.held);
   EXPECT_TRUE(result.held->one_mass);
   EXPECT_TRUE(result.held->design(Firmness::normal).verdict.tried) << "at the places that it reached";
+}
+
+TEST(Calibration, RefusesAHandThatMovesOnPurposeOrStaysElsewhere) {
+  // The hand's pull would become a gravity of the device, which playbacks cancel.
+  const test::TempFolder folder;
+  const std::string intent = folder / "intent.csv";
+  for (const double size : {0.008, 0.02, 0.05}) {
+    SCOPED_TRACE(size);
+    save_path(make_shape("circle", {.size = size, .duration = 4}), intent, "intent", true);
+    const auto device = open_device("sim:preset=falcon,hand=relaxed,intent=" + intent);
+    const CalibrationResult result = calibrated(*device, whole());
+    EXPECT_FALSE(result.succeeded());
+    EXPECT_THAT(result.reason, HasSubstr("the motors bear 2.7 N for long: the hand moved"));
+    EXPECT_FALSE(result.held);
+  }
 }
 
 TEST(Calibration, DesignsForOtherMassesWhatItMeasuredInTheMiddleAlone) {
