@@ -1,4 +1,4 @@
-// What the motors of a calibrated device give and bear.
+// The largest force that the motors of a calibrated device give, and how long they withstand less.
 #pragma once
 
 #include "control/design/plant_model.h"

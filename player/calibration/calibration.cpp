@@ -194,7 +194,7 @@ class CalibrationRun {
 
   /// Returns true if the session took more force than the motors bear for long, and sets the reason. The places are
   /// then not reached, and the hand's pull is taken for the device's gravity. In relaxed hands, sessions took up to 0.9
-  /// of the continuous force, and in hands that moved or stayed elsewhere at least 1.2.
+  /// of the continuous force, and in hands that moved or stayed elsewhere 1.1 to 1.5.
   [[nodiscard]] bool led_by_the_hand() {
     constexpr double kMostPull = 1.1;  // of the continuous force
     const double borne = ServoLoop::in_force(device_.info(), options_.session.loop.limits).max_continuous_force;
